@@ -2,10 +2,10 @@
 
     python -m bench device-parse
 
-No I/O. Each device is a simulated one in motion whose reports were recorded in virtual time, by the
-rigs of the tests; they are fed to the driver's core again and again, each followed by ``state()``.
-Given are medians of batches. The last column is the share of one core at the device's own rate. For
-the SpaceMouse beside PySpaceMouse see hid-parse.
+No I/O. Each device is a simulated one in motion whose reports were recorded in virtual time, by
+the benches of the tests; they are fed to the driver's core again and again, each followed by
+``state()``. Given are medians of batches. The last column is the share of one core at the device's
+own rate. For the SpaceMouse beside PySpaceMouse see hid-parse.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from cardan_serial_mice.protocol import (
 from cardan_spnav_server.protocol import encode_motion as encode_spnav_motion
 from cardan_wiimote.driver import WiimoteOptions
 from tests.drivers import evdev_bench
-from tests.plugin_rigs import jr3_rig, wiimote_bench
+from tests.plugin_benches import jr3_bench, wiimote_bench
 
 RECORD_S = 1.0
 RAW = ((120, -45, 300, -350, 8, 64), (121, -44, 299, -349, 7, 65))
@@ -122,20 +122,20 @@ def spnav() -> Recorded:
 def wiimote(extension: str = "", motion_plus: bool = False) -> Recorded:
     """Buttons and acceleration, and whatever is plugged in."""
     options = WiimoteOptions(roles="gyro" if motion_plus else "paper")
-    rig = wiimote_bench.Bench(options, extension=extension, motion_plus=motion_plus)
-    rig.ready()
-    rig.tilt(20.0, 10.0)
-    rig.press("a")
-    return _recorded(rig, rig.core, "on_report", 0.01)
+    bench = wiimote_bench.Bench(options, extension=extension, motion_plus=motion_plus)
+    bench.ready()
+    bench.tilt(20.0, 10.0)
+    bench.press("a")
+    return _recorded(bench, bench.core, "on_report", 0.01)
 
 
 def jr3() -> Recorded:
     """A FORCES or a MOMENTS frame at 100 Hz; two of them are a wrench."""
-    rig = jr3_rig.Rig()
-    rig.live()
-    rig.board.set_wrench((5.0, -3.0, 2.0, 0.3, 0.2, -0.1))
+    bench = jr3_bench.Bench()
+    bench.live()
+    bench.board.set_wrench((5.0, -3.0, 2.0, 0.3, 0.2, -0.1))
     reports: list[tuple[int, bytes]] = []
-    core = rig.core
+    core = bench.core
     genuine = core.on_frame
 
     def keep(arbitration_id: int, data: bytes, now_s: float) -> None:
@@ -143,24 +143,26 @@ def jr3() -> Recorded:
         genuine(arbitration_id, data, now_s)
 
     core.on_frame = keep  # type: ignore[method-assign]
-    rig.run(RECORD_S)
+    bench.run(RECORD_S)
     core.on_frame = genuine  # type: ignore[method-assign]
 
     def feed(data: bytes, now_s: float) -> None:
         core.on_frame(int.from_bytes(data[:2], "little"), data[2:], now_s)
 
     packed = [number.to_bytes(2, "little") + data for number, data in reports]
-    return Recorded(core, feed, packed, RECORD_S / len(packed), rig.now_s)
+    return Recorded(core, feed, packed, RECORD_S / len(packed), bench.now_s)
 
 
 def pad(model: str) -> Recorded:
     """A frame of input events."""
-    rig = evdev_bench.Bench(model)
-    if rig.model.is_gamepad:
+    bench = evdev_bench.Bench(model)
+    if bench.model.is_gamepad:
         sticks = cycle([(0.1 * i, 0.5, 0.0, -0.05 * i, 0.0, 0.0) for i in range(1, 10)])
-        return _recorded(rig, rig.core, "on_packet", 0.008, lambda: rig.run(0.008, next(sticks)))
-    keys = cycle([lambda: rig.press("a"), lambda: rig.release("a")])
-    return _recorded(rig, rig.core, "on_packet", 0.03, lambda: next(keys)())
+        return _recorded(
+            bench, bench.core, "on_packet", 0.008, lambda: bench.run(0.008, next(sticks))
+        )
+    keys = cycle([lambda: bench.press("a"), lambda: bench.release("a")])
+    return _recorded(bench, bench.core, "on_packet", 0.03, lambda: next(keys)())
 
 
 def leap() -> Recorded:
@@ -198,13 +200,13 @@ def _renumbered(frame: bytes) -> Iterator[bytes]:
 
 
 def _recorded(
-    rig: object,
+    bench: object,
     core: DeviceCore,
     method: str,
     period_s: float,
     step: Callable[[], object] | None = None,
 ) -> Recorded:
-    """Record the reports that reach `core` by `method` while the rig runs."""
+    """Record the reports that reach `core` by `method` while the bench runs."""
     reports: list[bytes] = []
     genuine = getattr(core, method)
 
@@ -213,14 +215,14 @@ def _recorded(
         genuine(report, now_s)
 
     setattr(core, method, keep)
-    end_s = rig.now_s + RECORD_S  # type: ignore[attr-defined]
-    while rig.now_s < end_s:  # type: ignore[attr-defined]
+    end_s = bench.now_s + RECORD_S  # type: ignore[attr-defined]
+    while bench.now_s < end_s:  # type: ignore[attr-defined]
         if step is None:
-            rig.run(0.01)  # type: ignore[attr-defined]
+            bench.run(0.01)  # type: ignore[attr-defined]
         else:
             step()
     setattr(core, method, genuine)
-    return Recorded(core, genuine, reports, period_s, rig.now_s)  # type: ignore[attr-defined]
+    return Recorded(core, genuine, reports, period_s, bench.now_s)  # type: ignore[attr-defined]
 
 
 def _again(reports: Iterable[bytes]) -> Iterator[bytes]:

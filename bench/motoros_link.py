@@ -27,7 +27,7 @@ from cardan.protocols.simple_message import codec
 from cardan.protocols.simple_message.codes import MessageType, MotionCommand
 from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
 from cardan.protocols.simple_message.messages import Empty, MotionCtrl, VelocityInfoRequest, request
-from studies.motoros.rig import FIRST_PUSH_S, Array, peers, read_log, session_tables
+from studies.motoros.recording import FIRST_PUSH_S, Array, peers, read_log, session_tables
 
 REQUESTS = 2000
 RATES_HZ = (100, 250)

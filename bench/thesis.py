@@ -13,7 +13,7 @@ from pathlib import Path
 
 from cardan.errors import ExtraMissingError
 from studies.thesis import study
-from studies.thesis.rig import table
+from studies.thesis.bench import table
 
 
 def main() -> None:

@@ -135,8 +135,8 @@ def control(seed: str, count: int) -> Outcome:
 
 def rosbridge(seed: str, count: int) -> Outcome:
     """The front of a server: handshakes, WebSocket frames, operations."""
+    from tests.gateway.servers.bench import plain_client, rosbridge as served
     from tests.gateway.servers.memory_network import MemoryNetwork
-    from tests.gateway.servers.rig import plain_client, rosbridge as served
 
     with served(MemoryNetwork()) as running:
 

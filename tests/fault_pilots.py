@@ -1,4 +1,4 @@
-"""Drivers of the benches of tests/fault_rig.py: the controller, with each of what asks it to move.
+"""Drivers of the benches of faults: the controller, with each of what asks it to move.
 
 `make` is the one place that knows them all.
 """
@@ -23,7 +23,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.supervisor_heartbeat import SupervisorHeartbeat
 from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCommand, RobotState
 from tests.controllers import controller_for_device
-from tests.fault_rig import Bench
+from tests.fault_benches import Bench
 
 SPEED_M_S = 0.1
 """Requested speed."""

@@ -17,8 +17,7 @@ from typing import NamedTuple, TypeVar
 from weakref import WeakSet
 
 from cardan.common import forks
-from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Scenario, make
-from tests.fault_rig import (
+from tests.fault_benches import (
     BENCHES,
     CLOCKS,
     MARGIN,
@@ -32,6 +31,7 @@ from tests.fault_rig import (
     Ros2Bench,
     UrBench,
 )
+from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Scenario, make
 from tests.result_tables import FAULTS as RESULTS
 
 _T = TypeVar("_T")

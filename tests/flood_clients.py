@@ -33,7 +33,7 @@ from cardan.protocols.spnav.codes import NEWEST_VERSION
 from cardan.protocols.spnav.records import encode_handshake, encode_sensitivity
 from cardan.types import Vector3
 from cardan_spnav_server.protocol import encode_motion
-from tests.gateway.servers.console.rig import PageProgram
+from tests.gateway.servers.console.bench import PageProgram
 from tests.protocols.test_handheld import TELEOP
 from tests.waiting import until
 

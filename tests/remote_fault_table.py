@@ -21,9 +21,9 @@ from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.bus.sharing import ShareCore
 from cardan.types import DeviceState
 from tests.docs_tables import markdown
-from tests.drivers.remote_rig import STEP_S, Bench as RemoteBench, Link
+from tests.drivers.remote_bench import STEP_S, Bench as RemoteBench, Link
+from tests.fault_benches import JointStreamBench, Motion
 from tests.fault_pilots import ACCELERATION_M_S2, SPEED_M_S, Operator
-from tests.fault_rig import JointStreamBench, Motion
 from tests.fault_table import Row, cell, in_a_copy
 from tests.result_tables import REMOTE_FAULTS as RESULTS
 
@@ -277,7 +277,7 @@ def rest_by_s(pilot: RemoteOperator, fault: Fault, at_s: float) -> float:
         told = (came_s for came_s, made_s, _ in remote.came if made_s >= pilot.let_go_s - 1e-9)
         return min(told) + braked_s
     max_age_s = pilot.network.max_age_s
-    # Each way takes a step of the rig's time, too.
+    # Each way takes a step of the bench's time, too.
     round_s = remote.down.link.slowest_s + remote.up.link.slowest_s + 2.0 * STEP_S
     fresh_s = -math.inf
     for came_s, made_s, asked_s in [*remote.came, (remote.now_s, -math.inf, -math.inf)]:

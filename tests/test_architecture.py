@@ -318,7 +318,7 @@ def test_a_suite_never_imports_what_it_checks():
 
 
 def runs_a_driver(path):
-    """Whether a module of a suite is the rig of a driver."""
+    """Whether a module of a suite is the simulation of a driver."""
     return path.name == "simulated.py" and path.parent.name.endswith("_driver")
 
 

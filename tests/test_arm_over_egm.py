@@ -15,7 +15,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.robots import load_arm
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from tests.chain import PUSH, Chain
-from tests.fault_rig import EgmBench, EgmJointBench
+from tests.fault_benches import EgmBench, EgmJointBench
 from tests.test_lost_time import SPEED_M_S, moving
 
 INTO_THE_SINGULARITY = PUSH.replace("-0.5", "0.9")

@@ -18,7 +18,7 @@ from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.assembly import load_config, make_controller
 from cardan.robots import load_arm
 from cardan.types import DeviceLink, DeviceState
-from tests.drivers.motoros_rig import Rig
+from tests.drivers.motoros_bench import SessionBench
 
 pytestmark = pytest.mark.matrix
 
@@ -37,13 +37,13 @@ class Hand:
     def __init__(self, example, velocity_mode, axes, plant="ideal", **options):
         config = load_config(EXAMPLES / example)
         table = {k: v for k, v in as_table(config.robot).items() if k not in ("driver", "enable")}
-        self.rig = Rig(
+        self.bench = SessionBench(
             {**table, **options},
             self._answer,
             velocity_mode=velocity_mode,
             plant=plant,
         )
-        robot = Motoros(self.rig.options)
+        robot = Motoros(self.bench.options)
         self.core = make_controller(config, robot)
         self.follower = self.core.commanded
         self.obstacles = config.obstacles
@@ -69,14 +69,14 @@ class Hand:
         if here is not None and state.ready:
             away = np.array(here.position) - self.forward(state.joints)
             self.farthest_m = max(self.farthest_m, float(np.linalg.norm(away)))
-        self.joints.append(self.rig.controller.measured_rad(0))
+        self.joints.append(self.bench.controller.measured_rad(0))
         self.phases.append(self.core.phase)
         self.said.add(self.core.message)
         return command
 
     def run(self, seconds):
-        self.rig.ready()
-        self.rig.run(seconds)
+        self.bench.ready()
+        self.bench.run(seconds)
         return self
 
     def forward(self, joints):
@@ -136,7 +136,7 @@ def test_through_the_wrist_singularity_inside_joint_limits(example, velocity_mod
     )
     hand.run(4.0)
     joints = np.array(hand.joints)
-    period_s = hand.rig.session.capabilities.period_s
+    period_s = hand.bench.session.capabilities.period_s
     rates = np.abs(np.diff(joints, axis=0)).max(axis=0) / period_s
     arm = load_arm("gp8")
     # Joint 5 starts at -70 deg and is turned through zero or past it: nothing runs away.
@@ -154,17 +154,17 @@ def test_a_stretched_elbow_is_held_still_whatever_the_period(example, velocity_m
         lambda t: (0.4, -0.8, 0.0, 0.0, 0.0, 0.8) if t < 5.5 else REST,
         mode="velocity" if velocity_mode else "stream",
     )
-    hand.rig.ready()
-    hand.rig.run(5.0)
+    hand.bench.ready()
+    hand.bench.run(5.0)
     pushed = []
     for _ in range(20):
-        hand.rig.run(0.025)
-        pushed.append(hand.forward(hand.rig.controller.command_rad(0)))
+        hand.bench.run(0.025)
+        pushed.append(hand.forward(hand.bench.controller.command_rad(0)))
     assert "singular (0.000)" in hand.core.status().arm.in_words()
     assert np.ptp(np.array(pushed), axis=0).max() < 0.004
-    hand.rig.run(1.0)
+    hand.bench.run(1.0)
     assert hand.core.phase is Phase.HOLDING
-    after = hand.forward(hand.rig.controller.command_rad(0))
+    after = hand.forward(hand.bench.controller.command_rad(0))
     assert np.linalg.norm(after - pushed[-1]) < 0.01
 
 
@@ -194,17 +194,17 @@ def test_what_a_speed_limit_took_is_not_made_up_for_when_the_hand_has_let_go(
         lambda t: (-1.0, 0.3, 0.0, 0.0, 0.0, 0.0) if t < 1.0 else REST,
         plant,
     )
-    hand.rig.ready()
-    hand.rig.run(0.5)
-    hand.rig.controller.speed_limit(0.01, hand.rig.now_s)
-    hand.rig.run(0.4)
-    hand.rig.controller.speed_limit(None, hand.rig.now_s)
-    hand.rig.run(0.9)
-    before = hand.forward(hand.rig.controller.command_rad(0))
-    hand.rig.run(6.0)
-    after = hand.forward(hand.rig.controller.command_rad(0))
+    hand.bench.ready()
+    hand.bench.run(0.5)
+    hand.bench.controller.speed_limit(0.01, hand.bench.now_s)
+    hand.bench.run(0.4)
+    hand.bench.controller.speed_limit(None, hand.bench.now_s)
+    hand.bench.run(0.9)
+    before = hand.forward(hand.bench.controller.command_rad(0))
+    hand.bench.run(6.0)
+    after = hand.forward(hand.bench.controller.command_rad(0))
     assert np.linalg.norm(after - before) < 0.02
-    assert not any(hand.rig.controller.velocity_rad_s(0))
+    assert not any(hand.bench.controller.velocity_rad_s(0))
     assert hand.core.at_rest
 
 
@@ -216,46 +216,46 @@ def test_short_pauses_of_this_computer_leave_no_distance(example, velocity_mode)
         velocity_mode,
         lambda t: (0.0, np.sin(4.0 * t), 0.0, 0.0, 0.0, 0.0) if t < 6.0 else REST,
     )
-    hand.rig.ready()
+    hand.bench.ready()
     for _ in range(16):
-        hand.rig.run(0.35)
-        pause(hand.rig, 0.03)
-    hand.rig.run(1.5)
-    before = hand.rig.controller.command_rad(0)
-    hand.rig.run(4.0)
-    assert hand.rig.controller.command_rad(0) == pytest.approx(before, abs=0.006)
-    assert not any(hand.rig.controller.velocity_rad_s(0))
+        hand.bench.run(0.35)
+        pause(hand.bench, 0.03)
+    hand.bench.run(1.5)
+    before = hand.bench.controller.command_rad(0)
+    hand.bench.run(4.0)
+    assert hand.bench.controller.command_rad(0) == pytest.approx(before, abs=0.006)
+    assert not any(hand.bench.controller.velocity_rad_s(0))
 
 
-def pause(rig, seconds):
+def pause(bench, seconds):
     """This computer stands still; the controller does not."""
-    end_s = rig.now_s + seconds
-    while rig.now_s < end_s:
-        rig.now_s += 1e-3
-        rig.servers.advance(rig.now_s)
+    end_s = bench.now_s + seconds
+    while bench.now_s < end_s:
+        bench.now_s += 1e-3
+        bench.servers.advance(bench.now_s)
 
 
 def test_an_arm_that_somebody_holds_is_noticed_and_not_pulled_at():
     hand = Hand("spacemouse-gp8-simulated.toml", True, lambda t: (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    hand.rig.ready()
-    held = hand.rig.controller.measured_rad(0)
-    feedback = hand.rig.controller.feedback
+    hand.bench.ready()
+    held = hand.bench.controller.measured_rad(0)
+    feedback = hand.bench.controller.feedback
     # The command goes on, the joints do not.
-    hand.rig.controller.feedback = lambda group: feedback(group)._replace(
+    hand.bench.controller.feedback = lambda group: feedback(group)._replace(
         pos=(*held, 0.0, 0.0, 0.0, 0.0)
     )
-    hand.rig.run(6.0)
+    hand.bench.run(6.0)
     status = hand.core.status()
     assert status.trips == 1
     assert any("something else holds it" in words for words in hand.said)
     max_lead_m = hand.core.reference.limits.max_lead_m
-    lag_s = hand.rig.session.capabilities.lag_s
+    lag_s = hand.bench.session.capabilities.lag_s
     # Never farther than the maximum lead, what it may lag in good order and a braking way.
     assert hand.farthest_m <= max_lead_m + 0.15 * lag_s + 0.02
     # Joints that are measured as standing hide how far they are driven; it ends all the same.
-    commanded = hand.forward(hand.rig.controller.command_rad(0))
+    commanded = hand.forward(hand.bench.controller.command_rad(0))
     assert np.linalg.norm(commanded - hand.forward(held)) <= 2.0 * (max_lead_m + 0.15 * lag_s)
-    assert not any(hand.rig.controller.velocity_rad_s(0))
+    assert not any(hand.bench.controller.velocity_rad_s(0))
 
 
 @pytest.mark.parametrize(
@@ -273,19 +273,19 @@ def test_the_examples_keep_their_distance_at_home(example):
 @pytest.mark.parametrize("mode", ["velocity", "stream"])
 @pytest.mark.parametrize("plant", ["ideal", "paper"])
 def test_the_cartesian_controller_drives_it_too(mode, plant):
-    rig = Rig({"mode": mode, "speed_share": 0.2}, plant=plant)
+    bench = SessionBench({"mode": mode, "speed_share": 0.2}, plant=plant)
     arm = load_arm("gp8")
-    controller = ArmVerbs.alone(arm, Motoros(rig.options).capabilities)
-    rig.answer = controller.controller.tick
-    rig.ready()
+    controller = ArmVerbs.alone(arm, Motoros(bench.options).capabilities)
+    bench.answer = controller.controller.tick
+    bench.ready()
 
     def run(motion):
-        rig.run(20.0, until=lambda: controller.start_pending() or motion.over)
+        bench.run(20.0, until=lambda: controller.start_pending() or motion.over)
         assert motion.outcome is Outcome.DONE, motion
-        rig.run(0.6)
-        return ArmKinematics(arm).forward(np.array(rig.controller.measured_rad(0))).translation
+        bench.run(0.6)
+        return ArmKinematics(arm).forward(np.array(bench.controller.measured_rad(0))).translation
 
-    rig.run(0.1)
+    bench.run(0.1)
     start = np.array(controller.stat().pose)
     goal = start + np.array([-0.05, 0.1, 0.05, 0.0, 0.0, 0.0])
     there = run(controller.movl(list(goal)))
@@ -296,15 +296,15 @@ def test_the_cartesian_controller_drives_it_too(mode, plant):
 
 @pytest.mark.parametrize("velocity_mode", [True, False])
 def test_every_verb_with_default_options(velocity_mode):
-    rig = Rig(velocity_mode=velocity_mode)
-    verbs = ArmVerbs.alone(load_arm("gp8"), Motoros(rig.options).capabilities)
-    rig.answer = verbs.controller.tick
-    rig.ready().run(0.1)
+    bench = SessionBench(velocity_mode=velocity_mode)
+    verbs = ArmVerbs.alone(load_arm("gp8"), Motoros(bench.options).capabilities)
+    bench.answer = verbs.controller.tick
+    bench.ready().run(0.1)
 
     def over(motion):
-        rig.run(20.0, until=lambda: verbs.start_pending() or motion.over)
+        bench.run(20.0, until=lambda: verbs.start_pending() or motion.over)
         assert motion.outcome is Outcome.DONE, motion
-        rig.run(0.3)
+        bench.run(0.3)
         return verbs.stat().pose[:3]
 
     start = verbs.stat().pose
@@ -316,12 +316,12 @@ def test_every_verb_with_default_options(velocity_mode):
         start[2] - 0.02, abs=1e-3
     )
     verbs.movv([-0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
-    rig.run(2.0)
+    bench.run(2.0)
     verbs.stop()
-    rig.run(1.0)
+    bench.run(1.0)
     assert verbs.at_rest
     assert -0.02 < verbs.stat().pose[0] - start[0] < -0.015
     with pytest.raises(MotionRefusedError, match="this needs torque"):
         verbs.gcmp()
-    rig.run(0.1)
-    assert rig.states[-1].hold_reason == ""
+    bench.run(0.1)
+    assert bench.states[-1].hold_reason == ""

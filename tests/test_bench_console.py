@@ -8,7 +8,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 from bench import console, pages
 from bench.console import finger, viewers
 from bench.network.clients import Load
-from tests.console import hold_table, rig
+from tests.console import hold_table, robot_and_server
 from tests.docs_tables import replaced
 
 pytestmark = pytest.mark.matrix
@@ -39,8 +39,11 @@ def test_the_hold_table_has_its_place_and_marks_what_is_late():
     page = hold_table.PAGE.read_text(encoding="utf-8")
     fast, late = list(hold_table.ENDS)[:2]
     stops = {
-        fast: [rig.Stop(0.1, 0.2, 0.012, 0.0)] * 3,
-        late: [rig.Stop(0.1, 0.2, 0.012, 0.0), rig.Stop(0.1, 0.9, 0.09, 0.0)],
+        fast: [robot_and_server.Stop(0.1, 0.2, 0.012, 0.0)] * 3,
+        late: [
+            robot_and_server.Stop(0.1, 0.2, 0.012, 0.0),
+            robot_and_server.Stop(0.1, 0.9, 0.09, 0.0),
+        ],
     }
     page = replaced(page, hold_table.BEGIN, hold_table.table(stops))
     assert f"| {fast} | 200 (200) | 12.0 (12.0) |" in page
@@ -51,7 +54,9 @@ def test_an_arm_that_moves_again_is_seen():
     times = [0.01 * step for step in range(200)]
 
     def moved(path):
-        return rig._again(times, [abs(path[-1] - each) for each in path], [*range(200)])
+        return robot_and_server._again(
+            times, [abs(path[-1] - each) for each in path], [*range(200)]
+        )
 
     stopping = [min(0.01, 0.1 * when) for when in times]
     assert moved(stopping) < 1e-9
@@ -61,4 +66,6 @@ def test_an_arm_that_moves_again_is_seen():
     assert moved(again) == pytest.approx(0.005)
     kept_from_work = [min(step, 12) + max(0, step - 100) for step in range(200)]
     away = [abs(again[-1] - each) for each in again]
-    assert rig._again(times, away, kept_from_work) < 1e-9, "nobody commanded it while it stood"
+    assert robot_and_server._again(times, away, kept_from_work) < 1e-9, (
+        "nobody commanded it while it stood"
+    )

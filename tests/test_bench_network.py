@@ -9,7 +9,7 @@ from bench import network, pages
 from bench.network import clients, publication, session
 from studies.cartesian import command
 from studies.cartesian.controller import START
-from studies.cartesian.rig import Robot
+from studies.cartesian.sessions import Robot
 
 pytestmark = pytest.mark.matrix
 

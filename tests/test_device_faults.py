@@ -18,8 +18,8 @@ from cardan.types import DeviceLink
 from cardan_spnav_server.protocol import encode_button, encode_motion
 from tests.drivers import (
     evdev_bench,
-    handheld_rig,
-    ros2_node_rig,
+    handheld_bench,
+    ros2_node_bench,
 )
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
 
@@ -65,11 +65,11 @@ class Subject:
 
     @property
     def now_s(self):
-        return self.rig.now_s
+        return self.bench.now_s
 
     @property
     def core(self):
-        return self.rig.core
+        return self.bench.core
 
     @property
     def state(self):
@@ -82,7 +82,7 @@ class Subject:
         return any(state.axes) or state.pose is not None or bool(state.buttons)
 
     def run(self, seconds):
-        self.rig.run(seconds)
+        self.bench.run(seconds)
 
     def unplug(self):
         self.core.on_lost("unplugged", self.now_s)
@@ -98,7 +98,7 @@ class Intercepted(Subject):
 
     def __init__(self):
         super().__init__()
-        self.rig = self.make()
+        self.bench = self.make()
         genuine = getattr(self.core, self.method)
 
         def between(report, now_s):
@@ -113,28 +113,28 @@ class SpaceMouse(Intercepted):
     name = "SpaceMouse, HID"
 
     def make(self):
-        rig = SpaceMouseBench(model_by_key("spacenavigator"))
-        rig.run(0.5)
-        rig.touch()
-        return rig
+        bench = SpaceMouseBench(model_by_key("spacenavigator"))
+        bench.run(0.5)
+        bench.touch()
+        return bench
 
     def deflect(self):
-        self.rig.device.press("left")
-        self.rig.run(0.3, HALF)
+        self.bench.device.press("left")
+        self.bench.run(0.3, HALF)
 
     def let_go(self):
-        self.rig.device.release("left")
-        self.rig.run(0.3, REST)
+        self.bench.device.release("left")
+        self.bench.run(0.3, REST)
 
     def garbled(self, report):
         # USB has checksums; what gets through is no report that this device has.
         return b"\xee" + super().garbled(report)[1:]
 
     def replug(self):
-        self.core.on_opened(self.now_s, self.rig.device.model)
+        self.core.on_opened(self.now_s, self.bench.device.model)
 
 
-class SpnavRig:
+class SpnavBench:
     """A daemon that repeats a deflection every 16 ms."""
 
     def __init__(self):
@@ -169,20 +169,20 @@ class Spnav(Intercepted):
         return None if was else super().shortened(report)
 
     def make(self):
-        rig = SpnavRig()
-        rig.run(0.5)
-        return rig
+        bench = SpnavBench()
+        bench.run(0.5)
+        return bench
 
     def deflect(self):
         self.core.on_bytes(encode_button(0, True), self.now_s)
-        self.rig.counts = (0, 20, 175, 0, 0, 90)
-        self.rig.run(0.2)
+        self.bench.counts = (0, 20, 175, 0, 0, 90)
+        self.bench.run(0.2)
 
     def let_go(self):
         self.core.on_bytes(encode_button(0, False), self.now_s)
-        self.rig.counts = (0,) * 6
-        self.core.on_bytes(encode_motion(self.rig.counts, 16), self.now_s)
-        self.rig.run(0.1)
+        self.bench.counts = (0,) * 6
+        self.core.on_bytes(encode_motion(self.bench.counts, 16), self.now_s)
+        self.bench.run(0.1)
 
 
 class Gamepad(Subject):
@@ -194,15 +194,15 @@ class Gamepad(Subject):
 
     def __init__(self):
         super().__init__()
-        self.rig = evdev_bench.Bench(self.model)
-        self.rig.mangle = self.mangle
+        self.bench = evdev_bench.Bench(self.model)
+        self.bench.mangle = self.mangle
 
     def mangle(self, packet):
         packet = self.passed(packet, self.now_s)
         return [] if packet is None else [packet]
 
     def deflect(self):
-        self.rig.press("left-shoulder")
+        self.bench.press("left-shoulder")
         self.holds = True
         self.run(0.2)
 
@@ -211,19 +211,19 @@ class Gamepad(Subject):
         for _ in range(max(1, round(seconds / self.step_s))):
             self.turn += 1
             sticks = (0.01 * (self.turn % 3), 0.7, 0.0, 0.0, 0.0, 0.0) if self.holds else REST
-            self.rig.run(self.step_s, sticks)
+            self.bench.run(self.step_s, sticks)
 
     def let_go(self):
-        self.rig.release("left-shoulder")
+        self.bench.release("left-shoulder")
         self.holds = False
         self.run(0.2)
 
     def unplug(self):
-        self.rig.device.unplug()
-        self.rig.run(self.step_s)
+        self.bench.device.unplug()
+        self.bench.run(self.step_s)
 
     def replug(self):
-        self.rig.device.replug()
+        self.bench.device.replug()
 
 
 class Keyboard(Gamepad):
@@ -231,14 +231,14 @@ class Keyboard(Gamepad):
     model = "keyboard"
 
     def deflect(self):
-        self.rig.press("space", "a")
+        self.bench.press("space", "a")
         self.run(0.6)  # The kernel begins to repeat the key.
 
     def run(self, seconds):
-        self.rig.run(seconds)
+        self.bench.run(seconds)
 
     def let_go(self):
-        self.rig.release("space", "a")
+        self.bench.release("space", "a")
 
 
 class SpacenavNode(Subject):
@@ -247,17 +247,17 @@ class SpacenavNode(Subject):
 
     def __init__(self):
         super().__init__()
-        self.rig = ros2_node_rig.Bench(self.node)
-        self.rig.touch()
-        self.rig.mangle = lambda data: self.passed(data, self.rig.now_s)
+        self.bench = ros2_node_bench.Bench(self.node)
+        self.bench.touch()
+        self.bench.mangle = lambda data: self.passed(data, self.bench.now_s)
 
     def deflect(self):
-        self.rig.device.press("button-0")
-        self.rig.run(0.3, HALF)
+        self.bench.device.press("button-0")
+        self.bench.run(0.3, HALF)
 
     def let_go(self):
-        self.rig.device.release("button-0")
-        self.rig.run(0.3, REST)
+        self.bench.device.release("button-0")
+        self.bench.run(0.3, REST)
 
 
 class JoyNode(SpacenavNode):
@@ -277,23 +277,23 @@ class PhonePage(Subject):
 
     def __init__(self):
         super().__init__()
-        self.rig = handheld_rig.Bench(self.kind)
-        self.rig.live()
-        self.rig.mangle = lambda data: self.passed(data, self.rig.now_s)
+        self.bench = handheld_bench.Bench(self.kind)
+        self.bench.live()
+        self.bench.mangle = lambda data: self.passed(data, self.bench.now_s)
 
     def deflect(self):
-        self.rig.device.press("hold")
-        self.rig.run(0.1)
-        self.rig.run(0.2, HALF)
+        self.bench.device.press("hold")
+        self.bench.run(0.1)
+        self.bench.run(0.2, HALF)
 
     def let_go(self):
-        self.rig.device.release("hold")
-        self.rig.run(0.3, REST)
+        self.bench.device.release("hold")
+        self.bench.run(0.3, REST)
 
     def replug(self):
         super().replug()
         # The page is another one, on which Align is pressed anew.
-        self.rig.device.aligns_until_s = self.rig.device.next_due_s + 0.1
+        self.bench.device.aligns_until_s = self.bench.device.next_due_s + 0.1
 
 
 class XrPage(PhonePage):

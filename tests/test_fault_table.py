@@ -8,8 +8,8 @@ import re
 import pytest
 
 from tests import fault_table
+from tests.fault_benches import BENCHES
 from tests.fault_pilots import PILOTS
-from tests.fault_rig import BENCHES
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(1200)]
 

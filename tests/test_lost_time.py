@@ -22,7 +22,7 @@ from cardan.types import (
     Twist,
     Vector3,
 )
-from tests.fault_rig import (
+from tests.fault_benches import (
     BENCHES,
     MARGIN,
     EgmBench,

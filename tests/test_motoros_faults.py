@@ -11,7 +11,7 @@ import pytest
 
 from cardan.protocols.simple_message.codes import ActiveMode
 from cardan.types import JointVelocityCommand, RobotLink
-from tests.drivers.motoros_rig import Rig
+from tests.drivers.motoros_bench import SessionBench
 
 pytestmark = pytest.mark.matrix
 
@@ -25,38 +25,38 @@ ONE_PULSE = 1.0
 
 def moving(mode, faults=None, **driver):
     """A robot that turns joint 1 at SPEED, and has for half a second."""
-    rig = Rig(
+    bench = SessionBench(
         {"mode": mode, "acceleration_rad_s2": (ACCELERATION,) * 6, **driver},
         lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
         faults=faults or {},
         acceleration_limits=(ACCELERATION,) * 6,
     )
-    rig.ready()
-    rig.run(0.6)
-    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
-    return rig
+    bench.ready()
+    bench.run(0.6)
+    assert speed(bench) == pytest.approx(SPEED, rel=0.05)
+    return bench
 
 
-def speed(rig, window_s=0.02):
+def speed(bench, window_s=0.02):
     """Of the controller's command, over the last periods."""
-    times = np.array([row[0] for row in rig.trace])
-    command = np.array([row[1] for row in rig.trace])
+    times = np.array([row[0] for row in bench.trace])
+    command = np.array([row[1] for row in bench.trace])
     first = int(np.searchsorted(times, times[-1] - window_s))
     return (command[-1] - command[first]) / (times[-1] - times[first])
 
 
-def hardest(rig, since_s):
+def hardest(bench, since_s):
     """Largest change of the commanded speed from one interpolation period to the next, rad/s²."""
-    times = np.array([row[0] for row in rig.trace])
-    command = np.array([row[1] for row in rig.trace])
+    times = np.array([row[0] for row in bench.trace])
+    command = np.array([row[1] for row in bench.trace])
     grid = np.arange(since_s - 0.1, times[-1], IPC_S)
     held = command[np.searchsorted(times, grid, "right") - 1]
     return np.abs(np.diff(held, 2)).max() / IPC_S**2
 
 
-def traveled(rig, since_s):
-    times = np.array([row[0] for row in rig.trace])
-    command = np.array([row[1] for row in rig.trace])
+def traveled(bench, since_s):
+    times = np.array([row[0] for row in bench.trace])
+    command = np.array([row[1] for row in bench.trace])
     return command[-1] - command[int(np.searchsorted(times, since_s))]
 
 
@@ -78,137 +78,137 @@ AT_ONCE = {
 @pytest.mark.parametrize("event", AT_ONCE)
 def test_what_the_controller_stops_for(mode, event):
     act, words = AT_ONCE[event]
-    rig = moving(mode)
-    at_s = rig.now_s
-    act(rig.controller, at_s)
-    rig.run(0.5)
+    bench = moving(mode)
+    at_s = bench.now_s
+    act(bench.controller, at_s)
+    bench.run(0.5)
     # Within 10 ms of status polling and one period more; no ramp.
-    assert traveled(rig, at_s) <= SPEED * (0.010 + 2 * IPC_S) + 1e-4
-    assert rig.controller.active_mode is ActiveMode.NONE
-    state = rig.states[-1]
+    assert traveled(bench, at_s) <= SPEED * (0.010 + 2 * IPC_S) + 1e-4
+    assert bench.controller.active_mode is ActiveMode.NONE
+    state = bench.states[-1]
     assert not state.ready
     assert any(word in state.hold_reason.lower() for word in words.lower().split("|"))
     assert state.hold_reason.isprintable()
-    assert not rig.session.control.enabled
-    assert_moves_only_when_enabled_anew(rig)
+    assert not bench.session.control.enabled
+    assert_moves_only_when_enabled_anew(bench)
 
 
-def assert_moves_only_when_enabled_anew(rig):
+def assert_moves_only_when_enabled_anew(bench):
     """The cause goes; nothing moves by itself, and everything does when it is asked for."""
-    controller, now_s = rig.controller, rig.now_s
+    controller, now_s = bench.controller, bench.now_s
     controller.release_emergency_stop(now_s)
     controller.reset_alarm(now_s)
     controller.mode("play", now_s)
     controller.remote(True, now_s)
     controller.hold(False, now_s)
-    rig.run(3.0)
-    assert traveled(rig, now_s) == 0.0
-    assert not rig.states[-1].ready
-    rig.ready()
-    rig.run(0.6)
-    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    bench.run(3.0)
+    assert traveled(bench, now_s) == 0.0
+    assert not bench.states[-1].ready
+    bench.ready()
+    bench.run(0.6)
+    assert speed(bench) == pytest.approx(SPEED, rel=0.05)
 
 
 def test_velocity_mode_ramps_when_the_motion_connection_is_cut():
-    rig = moving("velocity")
-    at_s = rig.now_s
-    rig.unplug("motion")
-    rig.run(0.2)
-    assert speed(rig) == 0.0
-    assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-    assert traveled(rig, at_s) <= BRAKING_RAD + SPEED * 3 * IPC_S
-    assert rig.controller.active_mode is not ActiveMode.VELOCITY
-    assert "motion connection was lost" in rig.session.control.end_reason
-    assert_moves_only_when_enabled_anew(rig)
+    bench = moving("velocity")
+    at_s = bench.now_s
+    bench.unplug("motion")
+    bench.run(0.2)
+    assert speed(bench) == 0.0
+    assert hardest(bench, at_s) <= ACCELERATION + ONE_PULSE
+    assert traveled(bench, at_s) <= BRAKING_RAD + SPEED * 3 * IPC_S
+    assert bench.controller.active_mode is not ActiveMode.VELOCITY
+    assert "motion connection was lost" in bench.session.control.end_reason
+    assert_moves_only_when_enabled_anew(bench)
 
 
 def test_stock_firmware_plays_for_50_ms_when_the_motion_connection_is_cut():
-    rig = moving("stream")
-    at_s = rig.now_s
-    rig.unplug("motion")
-    rig.run(0.3)
-    assert speed(rig) == 0.0
-    assert traveled(rig, at_s) <= SPEED * (0.050 + 2 * IPC_S)
-    assert "motion connection was lost" in rig.session.control.end_reason
+    bench = moving("stream")
+    at_s = bench.now_s
+    bench.unplug("motion")
+    bench.run(0.3)
+    assert speed(bench) == 0.0
+    assert traveled(bench, at_s) <= SPEED * (0.050 + 2 * IPC_S)
+    assert "motion connection was lost" in bench.session.control.end_reason
     # Points left in the queue are not played when the driver is back: it stops first.
-    assert_moves_only_when_enabled_anew(rig)
+    assert_moves_only_when_enabled_anew(bench)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_half_open_connection(mode):
-    rig = moving(mode, faults={"silent": 3.0})
+    bench = moving(mode, faults={"silent": 3.0})
     # From the beginning of the controller's time.
-    rig.run(3.0, until=lambda: rig.servers.silent)
-    at_s = rig.now_s
-    rig.run(0.4)
-    assert speed(rig) == 0.0
+    bench.run(3.0, until=lambda: bench.servers.silent)
+    at_s = bench.now_s
+    bench.run(0.4)
+    assert speed(bench) == 0.0
     if mode == "velocity":
-        assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-        assert traveled(rig, at_s) <= SPEED * (0.100 + 2 * IPC_S) + BRAKING_RAD
+        assert hardest(bench, at_s) <= ACCELERATION + ONE_PULSE
+        assert traveled(bench, at_s) <= SPEED * (0.100 + 2 * IPC_S) + BRAKING_RAD
     else:
-        assert traveled(rig, at_s) <= SPEED * 0.060
-    state = rig.states[-1]
+        assert traveled(bench, at_s) <= SPEED * 0.060
+    state = bench.states[-1]
     assert state.link is RobotLink.LOST
-    assert "no state" in state.hold_reason or "no state" in rig.session.control.end_reason
+    assert "no state" in state.hold_reason or "no state" in bench.session.control.end_reason
 
 
 def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
-    rig = moving("velocity")
-    at_s = rig.now_s
-    die(rig, 0.5)
-    assert speed(rig) == 0.0
-    assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-    assert SPEED * 0.095 <= traveled(rig, at_s) <= SPEED * (0.100 + 3 * IPC_S) + BRAKING_RAD
-    assert rig.controller.status().motion_possible == 0
+    bench = moving("velocity")
+    at_s = bench.now_s
+    die(bench, 0.5)
+    assert speed(bench) == 0.0
+    assert hardest(bench, at_s) <= ACCELERATION + ONE_PULSE
+    assert SPEED * 0.095 <= traveled(bench, at_s) <= SPEED * (0.100 + 3 * IPC_S) + BRAKING_RAD
+    assert bench.controller.status().motion_possible == 0
     # It wakes up and goes on as if nothing had been: the latch holds.
-    woken_s = rig.now_s
-    rig.run(0.5)
-    assert traveled(rig, woken_s) == 0.0
-    assert not rig.session.control.enabled
-    assert_moves_only_when_enabled_anew(rig)
+    woken_s = bench.now_s
+    bench.run(0.5)
+    assert traveled(bench, woken_s) == 0.0
+    assert not bench.session.control.enabled
+    assert_moves_only_when_enabled_anew(bench)
 
 
 def test_a_stream_runs_out_when_the_program_is_dead():
-    rig = moving("stream")
-    at_s = rig.now_s
-    die(rig, 0.5)
-    assert speed(rig) == 0.0
-    assert traveled(rig, at_s) <= SPEED * 0.045
+    bench = moving("stream")
+    at_s = bench.now_s
+    die(bench, 0.5)
+    assert speed(bench) == 0.0
+    assert traveled(bench, at_s) <= SPEED * 0.045
 
 
-def die(rig, seconds):
+def die(bench, seconds):
     """The process with the driver stands still; its kernel keeps the sockets."""
-    end_s = rig.now_s + seconds
-    while rig.now_s < end_s:
-        rig.now_s += 2.5e-4
-        rig.servers.advance(rig.now_s)
-        command = rig.controller.command_rad(0)
-        rig.trace.append((rig.now_s, command[0], rig.controller.measured_rad(0)[0]))
+    end_s = bench.now_s + seconds
+    while bench.now_s < end_s:
+        bench.now_s += 2.5e-4
+        bench.servers.advance(bench.now_s)
+        command = bench.controller.command_rad(0)
+        bench.trace.append((bench.now_s, command[0], bench.controller.measured_rad(0)[0]))
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_second_client_is_refused_while_the_robot_moves(mode):
-    rig = moving(mode)
-    assert rig.servers.accepted("motion", rig.now_s) is None
-    rig.run(0.3)
-    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
-    assert rig.session.control.enabled
+    bench = moving(mode)
+    assert bench.servers.accepted("motion", bench.now_s) is None
+    bench.run(0.3)
+    assert speed(bench) == pytest.approx(SPEED, rel=0.05)
+    assert bench.session.control.enabled
 
 
 def test_a_second_client_takes_over_at_rest_and_that_is_said():
-    rig = moving("velocity")
-    rig.answer = lambda state: JointVelocityCommand((0.0,) * 6)
-    rig.run(0.5)
-    thief = rig.servers.accepted("motion", rig.now_s)
+    bench = moving("velocity")
+    bench.answer = lambda state: JointVelocityCommand((0.0,) * 6)
+    bench.run(0.5)
+    thief = bench.servers.accepted("motion", bench.now_s)
     assert thief is not None
-    rig.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
-    at_s = rig.now_s
-    rig.run(0.2)
-    assert traveled(rig, at_s) == 0.0
-    assert "closed it" in rig.session.control.end_reason
-    assert not rig.session.control.enabled
-    rig.servers.eof(thief, rig.now_s)
-    assert_moves_only_when_enabled_anew(rig)
+    bench.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
+    at_s = bench.now_s
+    bench.run(0.2)
+    assert traveled(bench, at_s) == 0.0
+    assert "closed it" in bench.session.control.end_reason
+    assert not bench.session.control.enabled
+    bench.servers.eof(thief, bench.now_s)
+    assert_moves_only_when_enabled_anew(bench)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -223,139 +223,139 @@ def test_a_second_client_takes_over_at_rest_and_that_is_said():
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )
 def test_a_network_or_a_server_that_fails(mode, faults, words):
-    rig = Rig(
+    bench = SessionBench(
         {"mode": mode},
         lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
         faults=faults,
     )
-    rig.run(1.0, until=lambda: rig.session.phase.name == "IDLE")
-    rig.session.enable(rig.now_s)
-    rig.run(5.0)
-    assert speed(rig) == 0.0
-    assert not rig.session.control.enabled
-    assert words in rig.session.control.end_reason
-    assert rig.states[-1].hold_reason
+    bench.run(1.0, until=lambda: bench.session.phase.name == "IDLE")
+    bench.session.enable(bench.now_s)
+    bench.run(5.0)
+    assert speed(bench) == 0.0
+    assert not bench.session.control.enabled
+    assert words in bench.session.control.end_reason
+    assert bench.states[-1].hold_reason
 
 
 def test_a_pause_of_the_state_port_brakes_in_a_ramp():
-    rig = moving("velocity", faults={"state-pause": 0.3})
-    rig.run(8.0, until=lambda: not rig.session.control.enabled)
-    at_s = rig.now_s
-    rig.run(0.2)
-    assert speed(rig) == 0.0
-    assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-    assert "no state" in rig.session.control.end_reason
+    bench = moving("velocity", faults={"state-pause": 0.3})
+    bench.run(8.0, until=lambda: not bench.session.control.enabled)
+    at_s = bench.now_s
+    bench.run(0.2)
+    assert speed(bench) == 0.0
+    assert hardest(bench, at_s) <= ACCELERATION + ONE_PULSE
+    assert "no state" in bench.session.control.end_reason
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_safety_unit_slows_the_arm_and_nothing_is_caught_up(mode):
-    rig = moving(mode)
-    rig.controller.speed_limit(0.02, rig.now_s)
-    slow_s = rig.now_s
-    rig.run(1.0)
-    allowed = 0.02 * rig.peer_options.axis_speeds[0]
+    bench = moving(mode)
+    bench.controller.speed_limit(0.02, bench.now_s)
+    slow_s = bench.now_s
+    bench.run(1.0)
+    allowed = 0.02 * bench.peer_options.axis_speeds[0]
     assert allowed < SPEED
-    assert speed(rig) == pytest.approx(allowed, rel=0.1)
-    rig.controller.speed_limit(None, rig.now_s)
-    rig.run(0.5)
-    assert speed(rig) <= SPEED * 1.05
-    assert traveled(rig, slow_s) > 0.0
+    assert speed(bench) == pytest.approx(allowed, rel=0.1)
+    bench.controller.speed_limit(None, bench.now_s)
+    bench.run(0.5)
+    assert speed(bench) <= SPEED * 1.05
+    assert traveled(bench, slow_s) > 0.0
 
 
 @pytest.mark.parametrize("big_endian", [False, True])
 def test_both_byte_orders(big_endian):
-    rig = Rig(
+    bench = SessionBench(
         {"mode": "auto"},
         lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
         big_endian=big_endian,
     )
-    rig.ready()
-    rig.run(0.5)
-    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    bench.ready()
+    bench.run(0.5)
+    assert speed(bench) == pytest.approx(SPEED, rel=0.05)
 
 
 def test_every_velocity_is_sent_and_accepted_to_the_last():
-    rig = moving("velocity")
-    rig.session.disable(rig.now_s)
-    rig.run(0.5)
-    assert rig.session.control.counters.commands == rig.controller.velocities_accepted
-    assert rig.controller.velocities_refused == 0
-    assert speed(rig) == 0.0
+    bench = moving("velocity")
+    bench.session.disable(bench.now_s)
+    bench.run(0.5)
+    assert bench.session.control.counters.commands == bench.controller.velocities_accepted
+    assert bench.controller.velocities_refused == 0
+    assert speed(bench) == 0.0
 
 
 def test_a_stream_that_ran_empty_begins_anew_from_rest():
-    rig = moving("stream")
-    die(rig, 0.06)
-    assert speed(rig, 0.008) == 0.0
-    at_s = rig.now_s
-    rig.run(1.5)
-    assert rig.session.control.enabled
-    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
-    assert rig.session.control.counters.underruns == 1
+    bench = moving("stream")
+    die(bench, 0.06)
+    assert speed(bench, 0.008) == 0.0
+    at_s = bench.now_s
+    bench.run(1.5)
+    assert bench.session.control.enabled
+    assert speed(bench) == pytest.approx(SPEED, rel=0.05)
+    assert bench.session.control.counters.underruns == 1
     # No segment began at the speed that the last point before the pause had.
-    assert hardest(rig, at_s + 0.1) <= ACCELERATION + 3 * ONE_PULSE
+    assert hardest(bench, at_s + 0.1) <= ACCELERATION + 3 * ONE_PULSE
 
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("seconds", [0.15, 4.0])
 def test_a_long_pause_of_this_computer_ends_motion(mode, seconds):
-    rig = moving(mode)
-    die(rig, seconds)
-    rig.run(0.5)
-    at_s = rig.now_s
-    rig.run(1.0)
-    assert traveled(rig, at_s) == 0.0
-    assert not rig.session.control.enabled
-    assert rig.states[-1].hold_reason
-    assert_moves_only_when_enabled_anew(rig)
+    bench = moving(mode)
+    die(bench, seconds)
+    bench.run(0.5)
+    at_s = bench.now_s
+    bench.run(1.0)
+    assert traveled(bench, at_s) == 0.0
+    assert not bench.session.control.enabled
+    assert bench.states[-1].hold_reason
+    assert_moves_only_when_enabled_anew(bench)
 
 
 def test_a_queue_that_is_not_played_ends_motion_and_is_emptied():
-    rig = moving("stream")
-    rig.controller.speed_limit(0.0, rig.now_s)
-    rig.run(2.0)
-    assert not rig.session.control.enabled
-    assert "plays nothing" in rig.session.control.end_reason
-    rig.controller.speed_limit(None, rig.now_s)
-    at_s = rig.now_s
-    rig.run(1.0)
-    assert traveled(rig, at_s) == 0.0
-    assert_moves_only_when_enabled_anew(rig)
+    bench = moving("stream")
+    bench.controller.speed_limit(0.0, bench.now_s)
+    bench.run(2.0)
+    assert not bench.session.control.enabled
+    assert "plays nothing" in bench.session.control.end_reason
+    bench.controller.speed_limit(None, bench.now_s)
+    at_s = bench.now_s
+    bench.run(1.0)
+    assert traveled(bench, at_s) == 0.0
+    assert_moves_only_when_enabled_anew(bench)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_energy_saving_is_named_and_ended_by_the_operator(mode):
-    rig = moving(mode)
-    rig.answer = lambda state: JointVelocityCommand((0.0,) * 6)
-    rig.run(1.0)
-    rig.controller.energy_saving(True, rig.now_s)
-    rig.run(0.3)
-    assert not rig.session.control.enabled
-    assert "saving energy" in rig.states[-1].hold_reason
-    rig.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
-    rig.ready()
-    rig.run(0.6)
-    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    bench = moving(mode)
+    bench.answer = lambda state: JointVelocityCommand((0.0,) * 6)
+    bench.run(1.0)
+    bench.controller.energy_saving(True, bench.now_s)
+    bench.run(0.3)
+    assert not bench.session.control.enabled
+    assert "saving energy" in bench.states[-1].hold_reason
+    bench.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
+    bench.ready()
+    bench.run(0.6)
+    assert speed(bench) == pytest.approx(SPEED, rel=0.05)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_servos_are_switched_off_whenever_that_is_asked_for(mode):
-    rig = Rig({"mode": mode}, lambda state: JointVelocityCommand((0.0,) * 6))
-    rig.run(1.0, until=lambda: rig.session.phase.name == "IDLE")
-    rig.session.ask("enable", rig.now_s)
-    rig.session.ask("servo off", rig.now_s)
-    rig.run(3.0)
-    assert rig.controller.status().drives_powered == 0
-    assert not rig.session.control.enabled
+    bench = SessionBench({"mode": mode}, lambda state: JointVelocityCommand((0.0,) * 6))
+    bench.run(1.0, until=lambda: bench.session.phase.name == "IDLE")
+    bench.session.ask("enable", bench.now_s)
+    bench.session.ask("servo off", bench.now_s)
+    bench.run(3.0)
+    assert bench.controller.status().drives_powered == 0
+    assert not bench.session.control.enabled
 
 
 def test_an_arm_with_more_axes_than_the_model_is_refused_in_a_stream():
-    rig = Rig({"mode": "stream"}, robot="amor", start=(0.1,) * 7)
-    rig.run(1.0, until=lambda: rig.session.phase.name == "IDLE")
-    rig.session.enable(rig.now_s)
-    rig.run(0.5)
-    assert not rig.session.control.enabled
-    assert "more axes" in rig.states[-1].hold_reason
+    bench = SessionBench({"mode": "stream"}, robot="amor", start=(0.1,) * 7)
+    bench.run(1.0, until=lambda: bench.session.phase.name == "IDLE")
+    bench.session.enable(bench.now_s)
+    bench.run(0.5)
+    assert not bench.session.control.enabled
+    assert "more axes" in bench.states[-1].hold_reason
 
 
 @pytest.mark.parametrize(
@@ -371,17 +371,17 @@ def test_an_arm_with_more_axes_than_the_model_is_refused_in_a_stream():
     ids=str,
 )
 def test_a_stream_keeps_its_queue_filled(driver, controller):
-    rig = Rig(
+    bench = SessionBench(
         {"mode": "stream", **driver},
         lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
         **controller,
     )
-    rig.ready()
-    rig.run(0.3)
-    at_s = rig.now_s
-    rig.run(2.0)
-    assert rig.session.control.counters.underruns == 0
-    assert traveled(rig, at_s) == pytest.approx(2.0 * SPEED, rel=0.02)
+    bench.ready()
+    bench.run(0.3)
+    at_s = bench.now_s
+    bench.run(2.0)
+    assert bench.session.control.counters.underruns == 0
+    assert traveled(bench, at_s) == pytest.approx(2.0 * SPEED, rel=0.02)
 
 
 def test_curves_that_the_arms_filter_cuts_are_not_corrected():
@@ -393,9 +393,9 @@ def test_curves_that_the_arms_filter_cuts_are_not_corrected():
         wrist = (speed * np.cos(2.0 * np.pi * t), speed * np.sin(2.0 * np.pi * t))
         return JointVelocityCommand((0.0, 0.0, 0.0, wrist[0], 0.0, wrist[1]))
 
-    rig = Rig({"mode": "velocity"}, circle, plant="paper")
-    rig.ready()
-    start_s = rig.now_s
-    rig.run(3.0)
-    assert rig.session.control.enabled
-    assert rig.session.control.counters.replaced == 0
+    bench = SessionBench({"mode": "velocity"}, circle, plant="paper")
+    bench.ready()
+    start_s = bench.now_s
+    bench.run(3.0)
+    assert bench.session.control.enabled
+    assert bench.session.control.counters.replaced == 0

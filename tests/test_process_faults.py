@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.process_faults.cases import GOFA, SHORT, all_cases
-from tests.process_faults.rig import PAIRS, Motion, Trace
+from tests.process_faults.lab import PAIRS, Motion, Trace
 from tests.process_faults.table import RESULTS, Row, judged, notes_of, run, tables
 
 pytestmark = pytest.mark.matrix  # Whole programs, which move arms.

@@ -54,7 +54,7 @@ GRIPS_S, PUSHES_S, FAILS_S, RESTS_S, ENDS_S = 0.4, 0.6, 1.5, 2.7, 4.5
 releases both, and the end."""
 
 REST_M_S = 0.001
-"""As in tests/fault_rig.py. Lost time is worked off slower than this after the hand let go."""
+"""As in tests/fault_benches.py. Lost time is worked off slower than this after the hand let go."""
 
 Y = 1
 

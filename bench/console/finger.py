@@ -14,7 +14,7 @@ from typing import NamedTuple
 from bench.network.clients import server
 from cardan.demos.examples import free_ports
 from studies.cartesian.controller import session
-from studies.cartesian.rig import (
+from studies.cartesian.sessions import (
     MODEL,
     PERIOD_S,
     Robot,

@@ -9,7 +9,7 @@ from bench.network.clients import Load, load, server
 from cardan.demos.examples import free_ports
 from cardan.gateway.bus.options import DEFAULT_NAME
 from studies.cartesian.controller import session
-from studies.cartesian.rig import (
+from studies.cartesian.sessions import (
     MODEL,
     Robot,
     free_endpoint,

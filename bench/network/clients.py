@@ -17,7 +17,7 @@ from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import network_arm
 from studies.cartesian.controller import session
-from studies.cartesian.rig import (
+from studies.cartesian.sessions import (
     MODEL,
     PERIOD_S,
     Robot,

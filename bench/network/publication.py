@@ -14,7 +14,7 @@ from cardan.bus.node import Publisher
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.session import make_session
-from studies.cartesian.rig import PERIOD_S, as_a_controller, free_endpoint, quantile
+from studies.cartesian.sessions import PERIOD_S, as_a_controller, free_endpoint, quantile
 
 AIM_S = 25e-6
 """Of one publication."""

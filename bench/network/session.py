@@ -12,7 +12,7 @@ from bench.egm_latency import MOVE, TOUCH
 from bench.network.listening import listener
 from cardan.demos.examples import free_ports
 from studies.cartesian.controller import session
-from studies.cartesian.rig import (
+from studies.cartesian.sessions import (
     MODEL,
     PERIOD_S,
     Robot,

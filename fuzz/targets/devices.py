@@ -44,7 +44,7 @@ from fuzz.targets.common import (
     text_of,
 )
 from tests.drivers import evdev_bench
-from tests.plugin_rigs import jr3_rig, leap_frames, wiimote_bench
+from tests.plugin_benches import jr3_bench, leap_frames, wiimote_bench
 from tests.protocols import worked
 
 _HANDHELD = Path(__file__).parents[2] / "tests/protocols/handheld_vectors.json"
@@ -475,12 +475,12 @@ def _leap_core(packets: Packets) -> object:
         checked_state(core.state(now_s))
         core.failure(now_s)
     words = told(core, now_s)
-    rig = leap_frames.Rig()
-    rig.core, rig.now_s = core, now_s + 3.0
-    core.on_lost("gone", rig.now_s)
-    core.on_opened(rig.now_s)
-    rig.tell(leap.Version(6, "2.3.1"), leap_frames.PLUGGED)
-    state = rig.frame(_HAND)
+    bench = leap_frames.Bench()
+    bench.core, bench.now_s = core, now_s + 3.0
+    core.on_lost("gone", bench.now_s)
+    core.on_opened(bench.now_s)
+    bench.tell(leap.Version(6, "2.3.1"), leap_frames.PLUGGED)
+    state = bench.frame(_HAND)
     assert state.link is not DeviceLink.CLOSED
     return words
 
@@ -505,16 +505,16 @@ def _jr3(data: bytes) -> object:
 
 @cache
 def _jr3_said() -> tuple[Packets, Packets]:
-    rig = jr3_rig.Rig()
+    bench = jr3_bench.Bench()
     frames: list[jr3_can.CanFrame] = []
-    rig.mangle = lambda frame: frames.append(frame) or frame  # type: ignore[func-returns-value]
-    rig.open()
-    rig.run(0.4)
+    bench.mangle = lambda frame: frames.append(frame) or frame  # type: ignore[func-returns-value]
+    bench.open()
+    bench.run(0.4)
 
     def packets(frames: Iterable[jr3_can.CanFrame]) -> Packets:
         return tuple(each.arbitration_id.to_bytes(2, "little") + each.data for each in frames)
 
-    return packets(frames[:60]), packets(rig.sent[:60])
+    return packets(frames[:60]), packets(bench.sent[:60])
 
 
 def _jr3_frames() -> Iterator[bytes]:
@@ -535,17 +535,17 @@ def _jr3_core(packets: Packets) -> object:
         core.on_frame(int.from_bytes(data[:2], "little") & 0x7FF, data[2:10], now_s)
         checked_state(core.state(now_s))
     words = told(core, now_s)
-    rig = jr3_rig.Rig()
-    rig.run(0.01)
+    bench = jr3_bench.Bench()
+    bench.run(0.01)
     core.on_lost("gone", now_s)
-    rig.core, rig.now_s = core, now_s + 5.0
-    rig.open()
-    state = rig.run(1.0)
-    if state.link is DeviceLink.NEEDS_NEUTRAL and ZERO_LOST_REASON in core.diagnosis(rig.now_s):
+    bench.core, bench.now_s = core, now_s + 5.0
+    bench.open()
+    state = bench.run(1.0)
+    if state.link is DeviceLink.NEEDS_NEUTRAL and ZERO_LOST_REASON in core.diagnosis(bench.now_s):
         # It was zeroed, by what the garbage said: another board's zero is not taken by itself.
-        core.ask_zero(rig.now_s)
-        state = rig.run(1.0)
-    assert state.link is DeviceLink.LIVE, core.diagnosis(rig.now_s)
+        core.ask_zero(bench.now_s)
+        state = bench.run(1.0)
+    assert state.link is DeviceLink.LIVE, core.diagnosis(bench.now_s)
     return words
 
 

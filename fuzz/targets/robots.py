@@ -49,7 +49,7 @@ from cardan.protocols.simple_message.messages import Message, ReadIoReply
 from cardan.types import HoldCommand, Quaternion, RobotLink, Vector3
 from fuzz.target import Form, Target
 from fuzz.targets.common import near, pieces_of, same
-from tests.drivers.motoros_rig import Rig
+from tests.drivers.motoros_bench import SessionBench
 from tests.protocols import worked
 
 # -- EGM ------------------------------------------------------------------------------------------
@@ -244,13 +244,13 @@ def _io_replies() -> Iterator[tuple[bytes, ...]]:
 
 
 @cache
-def _rig_packets() -> tuple[tuple[bytes, ...], ...]:
+def _bench_packets() -> tuple[tuple[bytes, ...], ...]:
     """Packets that a simulated controller sends a session, each after a byte for its channel."""
     found = []
     for mode in ("velocity", "stream"):
-        rig = Rig({"mode": mode})
+        bench = SessionBench({"mode": mode})
         said: list[bytes] = []
-        taken = rig.session.received
+        taken = bench.session.received
 
         def received(
             channel: Any, data: bytes, now_s: float, taken: Any = taken, said: Any = said
@@ -259,10 +259,10 @@ def _rig_packets() -> tuple[tuple[bytes, ...], ...]:
                 said.append(bytes([CHANNELS.index(channel)]) + data)
             taken(channel, data, now_s)
 
-        rig.session.received = received  # type: ignore[method-assign]
-        rig.run(0.4)
-        rig.session.enable(rig.now_s)
-        rig.run(0.6)
+        bench.session.received = received  # type: ignore[method-assign]
+        bench.run(0.4)
+        bench.session.enable(bench.now_s)
+        bench.run(0.6)
         found.append(tuple(said))
     return tuple(found)
 
@@ -381,7 +381,7 @@ TARGETS = (
         raises=(IoConnectionError, IoRefusedError),
         longest=2048,
     ),
-    Target("motoros.session", Form.PACKETS, _motoros_session, _rig_packets, slow_s=0.3),
+    Target("motoros.session", Form.PACKETS, _motoros_session, _bench_packets, slow_s=0.3),
     Target("joint_stream.codec", Form.BYTES, _joint_stream, _joint_stream_seeds, longest=2048),
     Target("sim_arm.session", Form.PACKETS, _sim_arm_session, _sim_arm_packets, longest=4096),
 )

@@ -33,7 +33,7 @@ from cardan.sim_peers.ros2_arm.options import RosArmOptions
 from cardan_dds import wire
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.common import all_finite, same, text_of
-from tests.gateway.bus import rig as bus_rig
+from tests.gateway.bus import bench as arm_bench
 
 
 @cache
@@ -359,13 +359,13 @@ def _ros_arm_packets() -> Iterator[Packets]:
 @cache
 def _served() -> tuple[tuple[str, str], ...]:
     """Topics that an arm subscribes to and services that it offers, with their types."""
-    return tuple(bus_rig.Bench(("servo", "crtk", "fzi", "cmd_vel", "yarp")).node.types.items())
+    return tuple(arm_bench.Bench(("servo", "crtk", "fzi", "cmd_vel", "yarp")).node.types.items())
 
 
 def _arm_server(packets: Packets) -> object:
     """Anything on any topic and service of an arm, each after the number of the name; afterwards
     it still answers."""
-    bench = bus_rig.Bench(("servo", "crtk", "fzi", "cmd_vel", "yarp"))
+    bench = arm_bench.Bench(("servo", "crtk", "fzi", "cmd_vel", "yarp"))
     for packet in packets:
         name, type_name = _served()[packet[0] % len(_served())] if packet else _served()[0]
         if "/srv/" in type_name or "/action/" in type_name:

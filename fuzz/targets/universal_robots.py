@@ -24,7 +24,7 @@ from cardan.sim_peers.ur_controller.telemetry import Telemetry
 from cardan.types import HoldCommand, RobotLink
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.common import Clients, all_finite, joined_streams, kinds, text_of
-from tests.drivers.ur_rig import Rig
+from tests.drivers.ur_bench import SessionBench
 
 _NAMES = ("timestamp", "actual_q")
 _TYPES = ("DOUBLE", "VECTOR6D")
@@ -331,10 +331,10 @@ def _session(packets: Packets) -> object:
 def _recorded() -> tuple[Packets, Packets]:
     """Packets of the simulated controller to a session from its beginning on, and the first ones
     of RTDE alone."""
-    rig = Rig()
+    bench = SessionBench()
     said: list[bytes] = []
     greeting: list[bytes] = []
-    taken = rig.session.received
+    taken = bench.session.received
 
     def received(channel: Any, data: bytes, now_s: float) -> None:
         if len(said) < 60:
@@ -343,10 +343,10 @@ def _recorded() -> tuple[Packets, Packets]:
             greeting.append(data)
         taken(channel, data, now_s)
 
-    rig.session.received = received  # type: ignore[method-assign]
-    rig.run(0.03)
-    rig.session.ask("enable", rig.now_s)
-    rig.run(0.2)
+    bench.session.received = received  # type: ignore[method-assign]
+    bench.run(0.03)
+    bench.session.ask("enable", bench.now_s)
+    bench.run(0.2)
     return tuple(said), tuple(greeting)
 
 

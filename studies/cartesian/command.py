@@ -25,7 +25,7 @@ from cardan.gateway.bus.remote import network_arm
 from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.protocols.ros2.cdr import codec_of
 from studies.cartesian.controller import session
-from studies.cartesian.rig import (
+from studies.cartesian.sessions import (
     MODEL,
     PERIOD_S,
     Robot,

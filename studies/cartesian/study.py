@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator
 
 from studies.cartesian import command
-from studies.cartesian.rig import PERIOD_S, quantile
+from studies.cartesian.sessions import PERIOD_S, quantile
 from studies.result import Drawn, Figure, Result, Table, spread_of, table_of
 
 TRIALS, QUICK_TRIALS = 300, 20

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from cardan.common.arm_libraries import np
 from studies.metrics import delay_by_least_error
 from studies.result import Figure, Table, known
-from studies.thesis.rig import DT_S, Array, Metronome, Rig
+from studies.thesis.bench import DT_S, Array, Bench, Metronome
 
 ARMS = ("asibot", "amor", "teo_right_arm", "ur5", "gofa_crb15000_5")
 PUBLISHED = {"asibot", "amor", "teo_right_arm"}
@@ -43,9 +43,9 @@ def _program(times_s: Array) -> Array:
 
 
 def _run(arm: str, drive: str, commands: str) -> tuple[Array, Array, int, int]:
-    rig = Rig(arm, drive, counterbalanced=False)  # type: ignore[arg-type]
-    driving = rig.streams("twst" if commands == "velocity" else "pose")
-    start, clock = rig.placement(driving), Metronome(RATE_HZ)
+    bench = Bench(arm, drive, counterbalanced=False)  # type: ignore[arg-type]
+    driving = bench.streams("twst" if commands == "velocity" else "pose")
+    start, clock = bench.placement(driving), Metronome(RATE_HZ)
     period_s = 1.0 / RATE_HZ
 
     def operator(now_s: float) -> None:
@@ -59,7 +59,7 @@ def _run(arm: str, drive: str, commands: str) -> tuple[Array, Array, int, int]:
             goal = start.translation + np.array((0.0, 0.0, float(here)))
             driving.pose(goal, start.rotation)
 
-    trace = rig.run(driving, LENGTH_M / SPEED_M_S + HOLD_S, operator)
+    trace = bench.run(driving, LENGTH_M / SPEED_M_S + HOLD_S, operator)
     way: Array = trace.measured_m[:, 2] - trace.measured_m[0, 2]
     return trace.times_s, way, len(driving.refusals), trace.joints.shape[1]
 

@@ -17,7 +17,7 @@ from cardan.common.haptics import HapticCommand
 from cardan.types import ZERO3, Vector3
 from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer.settings import HandMotion, Waypoint
-from studies.haptics.loop import TICK_S, Rig, Trace
+from studies.haptics.loop import TICK_S, Bench, Trace
 from studies.haptics.remote import Link, RemoteWall, Wall
 from studies.haptics.stability import (
     HELD,
@@ -135,8 +135,8 @@ def run(limits: TickLimits, before: Before, contact: Contact) -> tuple[Trace, in
             Wall(ZERO3, Vector3(0.0, 0.0, 1.0), stiffness_n_m), link, link, start=start
         )
 
-    with Rig(limits, settings) as rig:
-        rig.tick.enable()
+    with Bench(limits, settings) as bench:
+        bench.tick.enable()
         first_k, first_link = PASSIVE if before.leans else contact[1:]
         far = wall(first_k, first_link, Vector3(0.0, 0.0, FREE_M))
         sequence = 0
@@ -144,18 +144,18 @@ def run(limits: TickLimits, before: Before, contact: Contact) -> tuple[Trace, in
         def each(now_s: float) -> None:
             nonlocal sequence
             sequence += 1
-            measured = far.cycle(rig.position, now_s)
+            measured = far.cycle(bench.position, now_s)
             if measured is not None and axis_n:
                 force = Vector3(*(f + chance.gauss(0.0, axis_n) for f in measured.force))
                 measured = measured._replace(force=force)
-            rig.tick.command(HapticCommand(sequence, now_s, True, measured=measured))
+            bench.tick.command(HapticCommand(sequence, now_s, True, measured=measured))
 
         begins = 4 * round(begins_s / (4.0 * TICK_S))
-        rig.run(begins * TICK_S, each)
+        bench.run(begins * TICK_S, each)
         if before.leans:
-            far = wall(*contact[1:], rig.position)
-        rig.run(CONTACT_S, each)
-        return rig.trace, begins
+            far = wall(*contact[1:], bench.position)
+        bench.run(CONTACT_S, each)
+        return bench.trace, begins
 
 
 def find(limits: TickLimits, before: Before, contact: Contact) -> Found:

@@ -13,7 +13,7 @@ from cardan.common.haptics import HapticCommand, MeasuredForce
 from cardan.gateway.force.passive import DevicePort, FarPort, share_left
 from cardan.types import NEVER_S, ZERO3, Vector3
 from cardan_omni.driver.limits import TickLimits
-from studies.haptics.loop import TICK_S, Rig, Trace
+from studies.haptics.loop import TICK_S, Bench, Trace
 from studies.haptics.remote import Channel, Link, Robot, Wall
 from studies.haptics.stability import HELD, LIGHTLY, OURS, PLAIN, Hand, Verdict, judge
 from studies.side_by_side import side_by_side
@@ -80,17 +80,17 @@ class Point(NamedTuple):
 
 def run(limits: TickLimits, hand: Hand, link: Link, law: bool) -> Trace:
     """A hand presses on the far wall, and rests there."""
-    with Rig(limits, hand.settings) as rig:
-        rig.tick.enable()
+    with Bench(limits, hand.settings) as bench:
+        bench.tick.enable()
         far = FarWall(link, law)
         sequence = iter(range(1, 1_000_000))
 
         def each(now_s: float) -> None:
-            measured = far.cycle(rig.position, now_s)
-            rig.tick.command(HapticCommand(next(sequence), now_s, True, measured=measured))
+            measured = far.cycle(bench.position, now_s)
+            bench.tick.command(HapticCommand(next(sequence), now_s, True, measured=measured))
 
-        rig.run(SECONDS, each, round(link.period_s / TICK_S))
-        return rig.trace
+        bench.run(SECONDS, each, round(link.period_s / TICK_S))
+        return bench.trace
 
 
 def rendered_n_m(trace: Trace) -> float:

@@ -27,7 +27,7 @@ from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer.library import library_path
 from cardan_omni.peer.settings import INKWELL_M, HandMotion, OmniSettings, Waypoint
 from cardan_omni.protocol.constants import State
-from studies.haptics.loop import TICK_S, Array, Rig, Trace
+from studies.haptics.loop import TICK_S, Array, Bench, Trace
 
 FAULT_S = 2.0
 AFTER_S = 1.0
@@ -67,13 +67,13 @@ class Scene:
                 Waypoint(1.6, Vector3(0.0, HELD_AT_M.z, 0.0)),
             )
         )
-        # It stays as long as the rig does, and is called in place of hdGetDoublev.
+        # It stays as long as the bench does, and is called in place of hdGetDoublev.
         self._get_doublev = _GET_DOUBLEV(self._doubles)
         self._real = libhd.load(str(library_path())).functions["hdGetDoublev"]
         self._call = _GET_DOUBLEV(self._real)
         address = ctypes.cast(self._get_doublev, ctypes.c_void_p).value
         assert address is not None
-        self.rig = Rig(LIMITS, OmniSettings(motion=motion), {"hdGetDoublev": address})
+        self.bench = Bench(LIMITS, OmniSettings(motion=motion), {"hdGetDoublev": address})
 
     def _doubles(self, name: int, values: ctypes._Pointer[ctypes.c_double]) -> None:
         self._call(name, values)
@@ -97,17 +97,17 @@ class Scene:
             self.force,
         )
         try:
-            self.rig.tick.command(made)
+            self.bench.tick.command(made)
         except CommandError:
             self.refused += 1
         if self.older_ones:
             strange = made._replace(sequence=self._sequence - 3, force=Vector3(0.0, 3.0, 0.0))
-            self.rig.tick.command(strange)
+            self.bench.tick.command(strange)
 
     def hold(self, **words: object) -> None:
         """The hand as it is, with a change."""
         options: dict[str, object] = {"target_m": HELD_AT_M, **words}
-        self.rig.sim.hand(**options)  # type: ignore[arg-type]
+        self.bench.sim.hand(**options)  # type: ignore[arg-type]
 
 
 class Fault(NamedTuple):
@@ -133,29 +133,29 @@ def _set(**values: object) -> Callable[[Scene], None]:
 
 
 def _device(name: str, value: float = 1.0) -> Callable[[Scene], None]:
-    return lambda scene: scene.rig.sim.fault(name, value)
+    return lambda scene: scene.bench.sim.fault(name, value)
 
 
 def _freeze(scene: Scene) -> None:
-    scene.frozen_stamp_s = scene.rig.now_s - EVERY * TICK_S
+    scene.frozen_stamp_s = scene.bench.now_s - EVERY * TICK_S
 
 
 def _dock(scene: Scene) -> None:
-    scene.rig.sim.hand(target_m=Vector3(-INKWELL_M.z, -INKWELL_M.x, INKWELL_M.y), docked=True)
+    scene.bench.sim.hand(target_m=Vector3(-INKWELL_M.z, -INKWELL_M.x, INKWELL_M.y), docked=True)
 
 
 def _let_go(scene: Scene) -> None:
     scene.force = Vector3(0.0, 0.0, 2.0)
-    scene.rig.sim.hand(gripped=False)
+    scene.bench.sim.hand(gripped=False)
 
 
 def _throw(scene: Scene) -> None:
-    scene.rig.sim.hand(gripped=False)
-    scene.rig.sim.push(Vector3(0.0, 5.0, -1.0))
+    scene.bench.sim.hand(gripped=False)
+    scene.bench.sim.push(Vector3(0.0, 5.0, -1.0))
 
 
 def _bounce(scene: Scene) -> None:
-    scene.rig.sim.fault("button-bounce", 5.0)
+    scene.bench.sim.fault("button-bounce", 5.0)
     scene.hold(buttons=1)
 
 
@@ -235,13 +235,13 @@ class FaultResponse(NamedTuple):
 def feel(fault: Fault) -> FaultResponse:
     """Have one fault, and look."""
     scene = Scene()
-    with scene.rig as rig:
-        rig.tick.enable()
-        rig.run(FAULT_S, scene.command, EVERY)
+    with scene.bench as bench:
+        bench.tick.enable()
+        bench.run(FAULT_S, scene.command, EVERY)
         fault.begin(scene)
-        first = len(rig.trace.times_s)
-        rig.run(AFTER_S, scene.command, EVERY)
-        return _response(fault, rig.trace, first, rig.tick.snapshot(), scene.refused)
+        first = len(bench.trace.times_s)
+        bench.run(AFTER_S, scene.command, EVERY)
+        return _response(fault, bench.trace, first, bench.tick.snapshot(), scene.refused)
 
 
 def _response(

@@ -68,7 +68,7 @@ class Trace(NamedTuple):
     """State, and the reason why the force is not as commanded."""
 
 
-class Rig:
+class Bench:
     """A simulated Omni whose force the tick makes. Time passes in `run` alone."""
 
     def __init__(
@@ -86,7 +86,7 @@ class Rig:
         self._rows: list[tuple[float, ...]] = []
         self._states: list[tuple[OperatingState, str]] = []
 
-    def __enter__(self) -> Rig:
+    def __enter__(self) -> Bench:
         self._hd = libhd.load(str(self.sim.path))
         self._handle = self._hd.init_device("")
         self._hd.enable(self._handle, Capability.FORCE_OUTPUT, True)

@@ -16,7 +16,7 @@ from cardan.common.haptics import HapticCommand, Plane
 from cardan.types import ZERO3, Vector3
 from cardan_omni.driver.limits import TickLimits, UncheckedLimits
 from cardan_omni.peer.settings import HandMotion, OmniSettings, Waypoint
-from studies.haptics.loop import TICK_S, Array, Rig, Trace
+from studies.haptics.loop import TICK_S, Array, Bench, Trace
 from studies.haptics.remote import Link, RemoteWall, Wall
 from studies.side_by_side import side_by_side
 
@@ -169,15 +169,15 @@ Each = Callable[[float], None]
 
 
 def _run(
-    limits: TickLimits, hand: Hand, environment: Callable[[Rig], Each], every: int, seconds: float
+    limits: TickLimits, hand: Hand, environment: Callable[[Bench], Each], every: int, seconds: float
 ) -> Trace:
-    with Rig(limits, hand.settings) as rig:
-        rig.tick.enable()
-        each = environment(rig)
-        rig.run(0.3, each, every)
-        rig.sim.push(Vector3(0.0, 0.0, hand.push_n))
-        rig.run(seconds - 0.3, each, every)
-        return rig.trace
+    with Bench(limits, hand.settings) as bench:
+        bench.tick.enable()
+        each = environment(bench)
+        bench.run(0.3, each, every)
+        bench.sim.push(Vector3(0.0, 0.0, hand.push_n))
+        bench.run(seconds - 0.3, each, every)
+        return bench.trace
 
 
 def local(
@@ -190,11 +190,11 @@ def local(
     """A wall that the tick itself renders."""
     wall = Plane(ZERO3, Vector3(0.0, 0.0, 1.0), stiffness_n_m, damping_n_s_m=damping_n_s_m)
 
-    def environment(rig: Rig) -> Each:
+    def environment(bench: Bench) -> Each:
         sequence = iter(range(1, 1_000_000))
 
         def each(now_s: float) -> None:
-            rig.tick.command(HapticCommand(next(sequence), now_s, True, fixtures=(wall,)))
+            bench.tick.command(HapticCommand(next(sequence), now_s, True, fixtures=(wall,)))
 
         return each
 
@@ -212,13 +212,13 @@ def remote(
     """A wall that a robot touches far away; `link` is each of the two ways."""
     wall = Wall(ZERO3, Vector3(0.0, 0.0, 1.0), stiffness_n_m)
 
-    def environment(rig: Rig) -> Each:
+    def environment(bench: Bench) -> Each:
         far = RemoteWall(wall, link, link, start=Vector3(0.0, 0.0, 0.005), seed=seed)
         sequence = iter(range(1, 1_000_000))
 
         def each(now_s: float) -> None:
-            measured = far.cycle(rig.position, now_s)
-            rig.tick.command(HapticCommand(next(sequence), now_s, True, measured=measured))
+            measured = far.cycle(bench.position, now_s)
+            bench.tick.command(HapticCommand(next(sequence), now_s, True, measured=measured))
 
         return each
 

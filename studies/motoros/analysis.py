@@ -8,7 +8,7 @@ from typing import NamedTuple
 from cardan.common.arm_libraries import np
 from studies.metrics import delay_by_correlation, delay_by_least_error, stop_phases
 from studies.motoros.published import Delays, mean
-from studies.motoros.rig import GRID_S, HOLD_S, PUSH_S, RAMP_S, Array, Recording
+from studies.motoros.recording import GRID_S, HOLD_S, PUSH_S, RAMP_S, Array, Recording
 
 LONGEST_S = 1.2
 """No stage is later than this."""

@@ -8,7 +8,7 @@ from typing import Any
 from cardan.common.arm_libraries import np
 from studies.motoros.analysis import Result
 from studies.motoros.published import STANDARD_MEAN, VELOCITY_MEAN, WORDS, Delays
-from studies.motoros.rig import PUSH_S, Recording
+from studies.motoros.recording import PUSH_S, Recording
 from studies.plotting import plt
 from studies.result import Drawn
 

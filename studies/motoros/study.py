@@ -13,7 +13,7 @@ from studies.motoros.published import (
     WORDS,
     Delays,
 )
-from studies.motoros.rig import MODES, PLANTS, Recording, record
+from studies.motoros.recording import MODES, PLANTS, Recording, record
 from studies.result import Drawn, Figure, Result, Table, spread_of
 from studies.side_by_side import side_by_side
 

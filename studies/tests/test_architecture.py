@@ -54,7 +54,7 @@ def test_no_import_circles():
 def test_only_what_needs_an_arms_model_needs_the_extra():
     said = said_without_an_arms_model(MODULES)
     assert [name for name in said if not name.startswith(ARM_MODEL)] == []
-    assert said["studies.thesis.rig"].endswith('pip install "cardan[arm]"')
+    assert said["studies.thesis.bench"].endswith('pip install "cardan[arm]"')
 
 
 def test_make_installs_the_command():

@@ -8,7 +8,7 @@ import pytest
 from bench import yaskawa
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import JointCommand
-from studies.motoros import rig as study
+from studies.motoros import recording as study
 from studies.motoros.analysis import analyze
 from studies.motoros.published import (
     STANDARD,
@@ -17,9 +17,9 @@ from studies.motoros.published import (
     VELOCITY_MEAN,
     mean,
 )
-from studies.motoros.rig import GRID_S, PUSH_S, Recording
+from studies.motoros.recording import GRID_S, PUSH_S, Recording
 from studies.motoros.two_point import TwoPointSession
-from tests.drivers.motoros_rig import Rig
+from tests.drivers.motoros_bench import SessionBench
 
 pytestmark = pytest.mark.matrix
 
@@ -82,8 +82,8 @@ def test_the_published_averages_are_those_of_the_published_phases():
     assert mean(VELOCITY) == pytest.approx(VELOCITY_MEAN, abs=6e-4)
 
 
-class TwoPointRig(Rig):
-    """The rig with trajectories of two points."""
+class TwoPointBench(SessionBench):
+    """The bench with trajectories of two points."""
 
     kind_of_session = TwoPointSession
 
@@ -100,16 +100,16 @@ def in_virtual_time(mode, plant):
         rate = (here - before) / state.period_s if state.period_s else 0.0
         return JointCommand((start + here, *rest), (rate, 0.0, 0.0, 0.0, 0.0, 0.0))
 
-    kind, known = (TwoPointRig, "stream") if mode == "standard" else (Rig, mode)
-    rig = kind({"mode": known}, answer, plant=plant, velocity_mode=mode == "velocity")
-    start, *rest = rig.controller.measured_rad(0)
-    begin_s = rig.now_s + 1e6
-    rig.ready()
-    begin_s = rig.now_s
-    rig.run(FIRST_S + 2 * PUSH_S + 0.6)
-    rows = np.array(rig.trace)
+    kind, known = (TwoPointBench, "stream") if mode == "standard" else (SessionBench, mode)
+    bench = kind({"mode": known}, answer, plant=plant, velocity_mode=mode == "velocity")
+    start, *rest = bench.controller.measured_rad(0)
+    begin_s = bench.now_s + 1e6
+    bench.ready()
+    begin_s = bench.now_s
+    bench.run(FIRST_S + 2 * PUSH_S + 0.6)
+    rows = np.array(bench.trace)
     goal_s, goal = np.array(goals).T
-    times_s = np.arange(begin_s, rig.now_s - 0.1, GRID_S)
+    times_s = np.arange(begin_s, bench.now_s - 0.1, GRID_S)
     return analyze(
         recording(
             mode,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studies.thesis import arbitrary, collision, eight, faults, line
-from studies.thesis.rig import DT_S, Metronome, published_mechanism, signed_delays, table
+from studies.thesis.bench import DT_S, Metronome, published_mechanism, signed_delays, table
 
 pytestmark = pytest.mark.matrix
 

@@ -13,7 +13,7 @@ from tests.conform.test_motoros_driver import (
     test_a_client_of_trajectories_meets_what_concerns_it as meets_what_concerns_it,
 )
 from tests.drivers import test_motoros_session as driver_session
-from tests.drivers.motoros_rig import Rig
+from tests.drivers.motoros_bench import SessionBench
 from tests.drivers.test_motoros_streaming import HOME, LIMITS, Bench, moved
 
 
@@ -101,19 +101,19 @@ def test_the_time_of_a_move_keeps_speed_and_acceleration():
     ],
 )
 def test_its_session_does_what_the_drivers_does(test, monkeypatch):
-    monkeypatch.setattr(Rig, "kind_of_session", TwoPointSession)
+    monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
     test(mode="stream")
 
 
 @pytest.mark.parametrize("times", [1, 3, 1000])
 def test_a_refused_first_point_is_followed_by_no_other(times, monkeypatch):
-    monkeypatch.setattr(Rig, "kind_of_session", TwoPointSession)
+    monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
     driver_session.test_a_refused_first_point_is_followed_by_no_other(times)
 
 
 def test_disabling_leaves_the_mode(monkeypatch):
-    monkeypatch.setattr(Rig, "kind_of_session", TwoPointSession)
-    run = driver_session.turning(driver_session.rig("stream").ready()).run(0.5)
+    monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
+    run = driver_session.turning(driver_session.bench("stream").ready()).run(0.5)
     run.trace.clear()
     run.session.disable(run.now_s)
     run.run(1.5)

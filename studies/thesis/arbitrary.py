@@ -8,12 +8,12 @@ from typing import NamedTuple
 from cardan.common.arm_libraries import np, pin
 from cardan.gateway.motion.shaping import PoseShaperLimits
 from studies.metrics import delay_by_correlation, delay_by_least_error, stop_phases
-from studies.thesis.rig import (
+from studies.thesis.bench import (
     DT_S,
     Array,
+    Bench,
     Drive,
     Metronome,
-    Rig,
     Row,
     Shaped,
     Streams,
@@ -46,8 +46,8 @@ SHAPER = PoseShaperLimits(
 )
 
 
-def _driving(rig: Rig, shaped: bool) -> Streams | Shaped:
-    return rig.shaped(SHAPER) if shaped else rig.streams("pose")
+def _driving(bench: Bench, shaped: bool) -> Streams | Shaped:
+    return bench.shaped(SHAPER) if shaped else bench.streams("pose")
 
 
 class Turning(NamedTuple):
@@ -72,9 +72,9 @@ class Turning(NamedTuple):
 
 def turning(drive: Drive, sign: float, shaped: bool, turns: float = TURNS) -> Turning:
     """Absolute poses at 50 Hz that turn the TCP about its x axis, at 3 rad/s."""
-    rig = Rig(ROBOT, drive, counterbalanced=True)
-    driving = _driving(rig, shaped)
-    start = rig.placement(driving)
+    bench = Bench(ROBOT, drive, counterbalanced=True)
+    driving = _driving(bench, shaped)
+    start = bench.placement(driving)
     ramp_s, total = 1.0, 2.0 * math.pi * turns
     duration_s = total / TURN_RAD_S + ramp_s
     clock = Metronome(RATE_HZ)
@@ -93,7 +93,7 @@ def turning(drive: Drive, sign: float, shaped: bool, turns: float = TURNS) -> Tu
             rotation = start.rotation @ pin.exp3(np.array((turn, 0.0, 0.0)))
             driving.pose(start.translation, rotation)
 
-    trace = rig.run(driving, duration_s + TAIL_S, operator)
+    trace = bench.run(driving, duration_s + TAIL_S, operator)
     wanted = angle(trace.times_s)[:, None]
     first = trace.rotations[0]
     about = np.array([pin.log3(first.T @ rotation)[0] for rotation in trace.rotations[::5]])
@@ -144,9 +144,9 @@ def _wandering(times_s: Array) -> tuple[Array, Array]:
 
 def wander(drive: Drive, shaped: bool, seconds: float = WANDER_S) -> Wander:
     """Absolute poses at 50 Hz on a smooth random path."""
-    rig = Rig(ROBOT, drive, np.radians(START_DEG), counterbalanced=True)
-    driving = _driving(rig, shaped)
-    start = rig.placement(driving)
+    bench = Bench(ROBOT, drive, np.radians(START_DEG), counterbalanced=True)
+    driving = _driving(bench, shaped)
+    start = bench.placement(driving)
     clock = Metronome(RATE_HZ)
 
     def operator(now_s: float) -> None:
@@ -155,7 +155,7 @@ def wander(drive: Drive, shaped: bool, seconds: float = WANDER_S) -> Wander:
             way, turn = _wandering(np.array((due_s,)))
             driving.pose(start.translation + way[0], pin.exp3(turn[0]) @ start.rotation)
 
-    trace = rig.run(driving, seconds, operator)
+    trace = bench.run(driving, seconds, operator)
     wanted = _wandering(trace.times_s)[0]
     output = trace.measured_m - trace.measured_m[0]
     speed = np.linalg.norm(np.gradient(wanted, DT_S, axis=0), axis=1)

@@ -11,12 +11,12 @@ from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.robots import load_arm
 from cardan.spatial import scale
 from cardan.types import ZERO_TWIST, Frame, Twist, Vector3
-from studies.thesis.rig import (
+from studies.thesis.bench import (
     STIFF,
     Array,
+    Bench,
     Drive,
     Metronome,
-    Rig,
     Row,
     Session,
     Streams,
@@ -89,9 +89,9 @@ def _stop(trace: Trace, clearance: Array, back_s: float, free_s: float, refusals
 
 def into_by_poses(drive: Drive) -> Stop:
     """Poses that go through the wall and come back."""
-    rig = Rig("ur5", drive, obstacles=(wall(GAP_M),))
-    driving = rig.streams("pose")
-    start = rig.placement(driving)
+    bench = Bench("ur5", drive, obstacles=(wall(GAP_M),))
+    driving = bench.streams("pose")
+    start = bench.placement(driving)
     deepest_s = (GAP_M + INTO_M) / SPEED_M_S
     back_s = deepest_s + STAY_S
     clock = Metronome(RATE_HZ)
@@ -105,34 +105,34 @@ def into_by_poses(drive: Drive) -> Stop:
         if due_s is None:
             return
         if due_s >= back_s and not stood:
-            stood.append(float((rig.placement(driving).translation - start.translation)[0]))
+            stood.append(float((bench.placement(driving).translation - start.translation)[0]))
         driving.pose(start.translation + np.array((target(due_s), 0.0, 0.0)), start.rotation)
 
-    trace = rig.run(driving, back_s + 2.5, operator)
+    trace = bench.run(driving, back_s + 2.5, operator)
     free_s = back_s + (GAP_M + INTO_M - stood[0]) / SPEED_M_S
     return _stop(trace, trace.obstacle_m, back_s, free_s, len(driving.refusals))
 
 
 def into_by_twists(drive: Drive) -> Stop:
     """A session's twist into the wall, and then straight back."""
-    rig = Rig("ur5", drive, obstacles=(wall(GAP_M),))
-    return _twists(rig, FORWARD, (GAP_M + 0.05) / SPEED_M_S, own=False)
+    bench = Bench("ur5", drive, obstacles=(wall(GAP_M),))
+    return _twists(bench, FORWARD, (GAP_M + 0.05) / SPEED_M_S, own=False)
 
 
 def into_itself(drive: Drive) -> Stop:
     """A session's twist towards the arm's own base, and then straight back."""
-    return _twists(Rig("ur5", drive), INWARD, 0.55 / SPEED_M_S, own=True)
+    return _twists(Bench("ur5", drive), INWARD, 0.55 / SPEED_M_S, own=True)
 
 
-def _twists(rig: Rig, direction: Vector3, seconds: float, own: bool) -> Stop:
-    driving = rig.session(_limits())
+def _twists(bench: Bench, direction: Vector3, seconds: float, own: bool) -> Stop:
+    driving = bench.session(_limits())
     back_s = seconds + STAY_S
 
     def operator(now_s: float) -> None:
         speed = SPEED_M_S if now_s < back_s else -SPEED_M_S
         driving.target = Twist(scale(direction, speed), ZERO_TWIST.angular, Frame.BASE)
 
-    trace = rig.run(driving, back_s + 1.0, operator)
+    trace = bench.run(driving, back_s + 1.0, operator)
     clearance = trace.own_m if own else trace.obstacle_m
     return _stop(trace, clearance, back_s, back_s, 0)
 
@@ -147,14 +147,14 @@ class Slide(NamedTuple):
 
 def slide(drive: Drive) -> Slide:
     """A session's twist at 45 degrees into the wall."""
-    rig = Rig("ur5", drive, obstacles=(wall(0.03),))
-    driving: Session = rig.session(_limits())
+    bench = Bench("ur5", drive, obstacles=(wall(0.03),))
+    driving: Session = bench.session(_limits())
 
     def operator(now_s: float) -> None:
         linear = Vector3(SPEED_M_S, -SPEED_M_S, 0.0)
         driving.target = Twist(linear, ZERO_TWIST.angular, Frame.BASE)
 
-    trace = rig.run(driving, 2.0, operator)
+    trace = bench.run(driving, 2.0, operator)
     last = trace.times_s >= 1.0 - 1e-9
     way = -np.ptp(trace.measured_m[last][:, 1])
     seconds = trace.times_s[last][-1] - trace.times_s[last][0]
@@ -178,9 +178,9 @@ class Jump(NamedTuple):
 def jump(drive: Drive) -> Jump:
     """Command a pose 0.18 m away, with the wall in between."""
     obstacle = wall(JUMP_GAP_M, low=True)
-    rig = Rig("ur5", drive, obstacles=(obstacle,))
-    driving: Streams = rig.streams("pose")
-    start = rig.placement(driving)
+    bench = Bench("ur5", drive, obstacles=(obstacle,))
+    driving: Streams = bench.streams("pose")
+    start = bench.placement(driving)
     goal = start.copy()
     goal.translation = start.translation + np.array((JUMP_M, 0.0, 0.0))
     answers: list[str] = []
@@ -190,7 +190,7 @@ def jump(drive: Drive) -> Jump:
         if clock.due(now_s) is not None:
             answers.append(driving.pose(goal.translation, goal.rotation))
 
-    trace = rig.run(driving, 2.0, operator)
+    trace = bench.run(driving, 2.0, operator)
     arm = ArmKinematics(load_arm("ur5"))
     model = CollisionModel(arm, (obstacle,))
     there = arm.inverse(goal, trace.joints[0])

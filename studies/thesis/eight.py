@@ -10,11 +10,11 @@ from cardan.gateway.kinematics.collision import box_obstacle
 from cardan.robots import load_arm
 from cardan.types import Vector3
 from studies.metrics import delay_by_correlation, delay_by_least_error, stop_phases
-from studies.thesis.rig import (
+from studies.thesis.bench import (
     DT_S,
     Array,
+    Bench,
     Drive,
-    Rig,
     Row,
     Trace,
     published_mechanism,
@@ -152,14 +152,14 @@ def run(drive: Drive, tracked: bool, seconds: float) -> Course:
     goal.translation, goal.rotation = CENTER_M, rotation
     start = arm.inverse(goal, home)
     assert start is not None
-    rig = Rig("ur5", drive, start.tolist(), BOXES)
-    driving = rig.streams("pose", timeout_s=0.2)
+    bench = Bench("ur5", drive, start.tolist(), BOXES)
+    driving = bench.streams("pose", timeout_s=0.2)
     images_s = np.arange(0.0, seconds - 1e-9, 1.0 / CAMERA_HZ)
     seen = camera(np.arange(0.0, DURATION_S + TAIL_S, 1.0 / CAMERA_HZ))[: len(images_s)]
     tracker = Tracker(CENTER_M, 1.0 / CAMERA_HZ)
     sent = np.array([tracker.take(image) for image in seen]) if tracked else seen
-    turn = rig.placement(driving).rotation.copy()
-    offset = rig.placement(driving).translation - CENTER_M
+    turn = bench.placement(driving).rotation.copy()
+    offset = bench.placement(driving).translation - CENTER_M
     upcoming = iter(zip(images_s, sent, strict=True))
     waiting: list[Any] = [next(upcoming)]
 
@@ -168,7 +168,7 @@ def run(drive: Drive, tracked: bool, seconds: float) -> Course:
             driving.pose(waiting[0][1] + offset, turn)
             waiting[:] = [following] if (following := next(upcoming, None)) else []
 
-    trace = rig.run(driving, seconds, operator)
+    trace = bench.run(driving, seconds, operator)
     name = "tracked poses" if tracked else "raw poses"
     sag = trace.measured_m[0] - trace.commanded_m[0] + offset
     return _judged(name, trace, trace.measured_m - sag, images_s, sent, len(driving.refusals))

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from cardan.common.arm_libraries import np
 from studies.metrics import stop_phases
+from studies.thesis.bench import DT_S, Bench, Drive, Row, Streams, Trace, both
 from studies.thesis.line import START_DEG
-from studies.thesis.rig import DT_S, Drive, Rig, Row, Streams, Trace, both
 
 SPEED_M_S = 0.1
 RATE_HZ = 50.0
@@ -64,9 +64,9 @@ def _line(
     silent_s: float = math.nan,
 ) -> Fault:
     """Send `packets`; `silent_s`: when a silence begins, for the stop after it."""
-    rig = Rig("ur5", drive, np.radians(START_DEG))
-    driving: Streams = rig.streams("pose", timeout_s=timeout_s)
-    start = rig.placement(driving)
+    bench = Bench("ur5", drive, np.radians(START_DEG))
+    driving: Streams = bench.streams("pose", timeout_s=timeout_s)
+    start = bench.placement(driving)
     queue = sorted(packets, key=lambda packet: packet.arrives_s)
     taken: list[float] = [0.0]
     messages: list[str] = []
@@ -86,7 +86,7 @@ def _line(
         if message and message not in messages:
             messages.append(message)
 
-    trace = rig.run(driving, LENGTH_M / SPEED_M_S + 1.0, operator)
+    trace = bench.run(driving, LENGTH_M / SPEED_M_S + 1.0, operator)
     way = trace.measured_m[:, 0] - trace.measured_m[0, 0]
     commanded = trace.commanded_m - trace.commanded_m[0]
     speed = np.gradient(commanded, DT_S, axis=0)

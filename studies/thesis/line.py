@@ -16,14 +16,14 @@ from studies.metrics import (
     delays_per_command,
     errors,
 )
-from studies.thesis.rig import (
+from studies.thesis.bench import (
     DT_S,
     JERK_M_S3,
     STIFF,
     Array,
+    Bench,
     Drive,
     Metronome,
-    Rig,
     Row,
     published_mechanism,
     quantiles_ms,
@@ -110,8 +110,8 @@ def _made(
 
 def relative(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
     """Each command is the way to be made within its 50 ms: a twist."""
-    rig = Rig("ur5", drive, np.radians(START_DEG))
-    driving = rig.streams("twst", options)
+    bench = Bench("ur5", drive, np.radians(START_DEG))
+    driving = bench.streams("twst", options)
     direction, clock = DIRECTIONS[axis], Metronome(RATE_HZ)
     period_s = 1.0 / RATE_HZ
 
@@ -121,14 +121,14 @@ def relative(drive: Drive, axis: int, length_m: float, options: ControllerOption
             way = np.diff(program(np.array((due_s, due_s + period_s)), length_m))[0]
             driving.twist([float(c) * way / period_s for c in direction])
 
-    return _record("twists", rig, driving, axis, length_m, operator)
+    return _record("twists", bench, driving, axis, length_m, operator)
 
 
 def absolute(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
     """Each command is the pose that the program's line has then; damping 1.0."""
-    rig = Rig("ur5", drive, np.radians(START_DEG))
-    driving = rig.streams("pose", options)
-    start = rig.placement(driving)
+    bench = Bench("ur5", drive, np.radians(START_DEG))
+    driving = bench.streams("pose", options)
+    start = bench.placement(driving)
     direction, clock = DIRECTIONS[axis], Metronome(RATE_HZ)
 
     def operator(now_s: float) -> None:
@@ -137,12 +137,14 @@ def absolute(drive: Drive, axis: int, length_m: float, options: ControllerOption
             way = float(program(np.array((due_s,)), length_m)[0])
             driving.pose(start.translation + way * np.array(direction), start.rotation)
 
-    return _record("poses", rig, driving, axis, length_m, operator)
+    return _record("poses", bench, driving, axis, length_m, operator)
 
 
-def _record(name: str, rig: Rig, driving: Any, axis: int, length_m: float, operator: Any) -> Line:
-    start = rig.placement(driving).translation.copy()
-    trace = rig.run(driving, length_m / SPEED_M_S + TAIL_S, operator)
+def _record(
+    name: str, bench: Bench, driving: Any, axis: int, length_m: float, operator: Any
+) -> Line:
+    start = bench.placement(driving).translation.copy()
+    trace = bench.run(driving, length_m / SPEED_M_S + TAIL_S, operator)
     output = trace.measured_m - trace.measured_m[0]
     sag_m = float(np.linalg.norm(trace.measured_m[0] - start))
     direction = DIRECTIONS[axis]

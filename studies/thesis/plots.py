@@ -9,7 +9,7 @@ from cardan.common.arm_libraries import np
 from studies.plotting import patches, plt
 from studies.result import Drawn
 from studies.thesis import arbitrary, collision, eight, faults, line
-from studies.thesis.rig import DT_S, Array
+from studies.thesis.bench import DT_S, Array
 
 COMMAND, OURS, OTHER, PUBLISHED = "0.55", "tab:blue", "tab:orange", "tab:red"
 

@@ -9,7 +9,7 @@ from cardan.common.arm_libraries import np
 from studies.result import Drawn, Figure, Result, Table, known
 from studies.side_by_side import side_by_side
 from studies.thesis import arbitrary, collision, eight, faults, line
-from studies.thesis.rig import DRIVES, DT_S, Array, Drive, Row
+from studies.thesis.bench import DRIVES, DT_S, Array, Drive, Row
 
 QUICK_LENGTH_M = 0.05
 QUICK_EIGHT_S = 5.0

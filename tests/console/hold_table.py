@@ -22,7 +22,13 @@ from cardan.gateway.servers.console.hold_to_run import FRESH_S
 from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.hand import FINGER, KEY, MOUSE, RELOADED, Hand, Place, hold, jog, keeps
 from tests.console.proxy import Proxy, network_to
-from tests.console.rig import Rig, ServerProcess, Stop, console_server, robot_and_session
+from tests.console.robot_and_server import (
+    RobotAndSession,
+    ServerProcess,
+    Stop,
+    console_server,
+    robot_and_session,
+)
 from tests.docs_tables import replaced
 from tests.waiting import until
 
@@ -56,7 +62,7 @@ class Bench(NamedTuple):
     """Test bench of a row."""
 
     browser: Browser
-    rig: Rig
+    robot: RobotAndSession
     server: ServerProcess
     network: Proxy
     address: str
@@ -324,11 +330,11 @@ ENDS: dict[str, End] = {
 def bench(browser: Browser, folder: Path) -> Iterator[Bench]:
     """A robot, its session, the server, and a network between it and the browser."""
     with (
-        robot_and_session(folder) as rig,
-        console_server(rig.endpoint) as server,
+        robot_and_session(folder) as robot,
+        console_server(robot.endpoint) as server,
         network_to(server.port) as network,
     ):
-        yield Bench(browser, rig, server, network, f"http://127.0.0.1:{network.port}/")
+        yield Bench(browser, robot, server, network, f"http://127.0.0.1:{network.port}/")
 
 
 class Pages:
@@ -357,7 +363,7 @@ class Pages:
 
 def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
     """Hold, end the hold, and measure the arm's motion until `watched_s` after that."""
-    page, tcp = pages.get(), bench.rig.tcp
+    page, tcp = pages.get(), bench.robot.tcp
     until(lambda: not tcp.moving, "rest")
     began_s = time.monotonic()
     sign = 1 if tcp.here[0] < 0.5 else -1
@@ -383,7 +389,7 @@ def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
 
 
 def _runs(bench: Bench, began_s: float) -> bool:
-    tcp = bench.rig.tcp
+    tcp = bench.robot.tcp
     wide = tcp.speed(HELD_S) if time.monotonic() > began_s + HELD_S else 0.0
     return abs(wide / SPEED_M_S - 1.0) < 0.05
 

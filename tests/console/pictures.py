@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.hand import RELOADED, keeps
-from tests.console.rig import ServerProcess, console_server
+from tests.console.robot_and_server import ServerProcess, console_server
 from tests.serving import ARM_SESSION, free_endpoint
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"

@@ -15,7 +15,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.gateway.servers.console.site import Site
 from cardan.protocols.ros2.cdr import codec_of
-from tests.gateway.servers.rig import WAIT_S, served
+from tests.gateway.servers.bench import WAIT_S, served
 from tests.serving import ARM_SESSION, free_endpoint
 
 ARM = "/left/arm"

@@ -13,7 +13,7 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
 from tests.console.hand import RELOADED
-from tests.console.hands_rig import hands
+from tests.console.page_sessions import hands
 from tests.npm import installed
 
 pytestmark = pytest.mark.matrix

@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from tests.console.hand import FINGER, MOUSE, RELOADED, STATE, WHY, enable, hold, jog, keeps
 from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
-from tests.console.rig import console_server
+from tests.console.robot_and_server import console_server
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix  # A browser that draws by software.
@@ -30,7 +30,7 @@ def test_nothing_moves_before_rearming(bench, page):
     page.until(f"{WHY}.length > 0")
     at_s = time.monotonic()
     time.sleep(0.5)
-    assert bench.rig.tcp.stop_since(at_s).distance_m < 1e-5
+    assert bench.robot.tcp.stop_since(at_s).distance_m < 1e-5
     MOUSE.let_go(page, at)
 
 
@@ -49,7 +49,7 @@ def test_a_script_of_the_page_cannot_hold(bench, page):
     )
     time.sleep(0.3)
     assert page.value(STATE) == "armed"
-    assert bench.rig.tcp.stop_since(at_s).distance_m < 1e-5
+    assert bench.robot.tcp.stop_since(at_s).distance_m < 1e-5
 
 
 ECHOES = """
@@ -79,10 +79,10 @@ NO_CHROMIUM = "delete Navigator.prototype.userAgentData"
 def test_a_hold_without_a_sign_of_the_person_ends_and_is_announced(bench, browser):
     """The mouse is held still, in another browser than Chromium. A browser on a busy computer ends
     a hold for causes of its own: then it is begun anew."""
-    tcp, end_s = bench.rig.tcp, time.monotonic() + 30.0
+    tcp, end_s = bench.robot.tcp, time.monotonic() + 30.0
     scripts = [keeps(speed=2), NO_CHROMIUM]
     with (
-        console_server(bench.rig.endpoint, ["--hold", "1.5"]) as server,
+        console_server(bench.robot.endpoint, ["--hold", "1.5"]) as server,
         browser.open(server.address, scripts=scripts) as page,
     ):
         page.until(RELOADED)
@@ -126,7 +126,7 @@ def test_a_touch_goes_on_sending_while_the_browser_looks_for_a_gesture(bench, pa
 
 def test_a_second_finger_on_another_button_moves_nothing_else(bench, page):
     """Only the first hold counts: it goes on as it is; the second finger keeps nothing alive."""
-    tcp = bench.rig.tcp
+    tcp = bench.robot.tcp
     at = hold(page, FINGER, jog("X", -1), lambda: tcp.moving)
     other = page.value(
         "(b => [b.x + b.width / 2, b.y + b.height / 2])"

@@ -15,7 +15,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import DUMMY_MEMBER
 from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import ARM, motion_of, served_arm, stops
-from tests.gateway.servers.rig import WAIT_S
+from tests.gateway.servers.bench import WAIT_S
 
 pytestmark = pytest.mark.matrix  # A browser that draws by software.
 

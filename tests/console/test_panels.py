@@ -14,8 +14,8 @@ from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.protocols.ros2.cdr import codec_of
 from tests.console.hand import RELOADED
 from tests.console.served_arm import served_arm
+from tests.gateway.servers.bench import served
 from tests.gateway.servers.console.test_cameras import camera
-from tests.gateway.servers.rig import served
 from tests.waiting import until
 
 GRAY = base64.b64decode(

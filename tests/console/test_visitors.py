@@ -18,7 +18,7 @@ from websockets.sync.client import connect
 from cardan.gateway.servers.console.certificate import own_certificate
 from tests.console.browser import REBOUND, WAIT_S
 from tests.console.hand import MOUSE, RELOADED, STATE, WHY, hold, jog
-from tests.console.rig import ARM, console_server
+from tests.console.robot_and_server import ARM, console_server
 from tests.serving import free_tcp_port
 from tests.waiting import until
 
@@ -40,7 +40,7 @@ new Promise((resolve) => {
 
 def test_two_browsers_and_one_arm(bench, browser):
     """The one that has it moves it; the other one is told who has it, and gets it afterwards."""
-    tcp = bench.rig.tcp
+    tcp = bench.robot.tcp
     with browser.open(bench.address) as one, browser.open(bench.address) as two:
         for page in (one, two):
             page.until(RELOADED)
@@ -71,7 +71,9 @@ def enable_anyway(page):
 def guarded(bench):
     """A server that asks for a token, on the same bus."""
     tokens = f"operator {TOKEN}\nviewer {VIEWER}"
-    with console_server(bench.rig.endpoint, environment={"CARDAN_SERVER_TOKEN": tokens}) as server:
+    with console_server(
+        bench.robot.endpoint, environment={"CARDAN_SERVER_TOKEN": tokens}
+    ) as server:
         yield server
 
 
@@ -124,7 +126,7 @@ def test_another_token_in_the_address_of_an_open_page_counts(guarded, browser):
 
 def test_a_viewers_stop_stops_the_arm(bench, guarded, page, browser):
     """Stopping needs no authority, and no operator's token."""
-    address, tcp = guarded.address.partition("#")[0], bench.rig.tcp
+    address, tcp = guarded.address.partition("#")[0], bench.robot.tcp
     with browser.open(f"{address}#t={VIEWER}") as viewer:
         viewer.until(RELOADED)
         at = hold(page, MOUSE, jog("X", -1), lambda: tcp.moving)
@@ -166,7 +168,7 @@ def test_a_client_that_does_not_read_costs_the_others_nothing(bench, page):
         idle_topics = ["/left/joint_states", f"{ARM}/state/pose", f"{ARM}/state/snapshot", "/tf"]
         for topic in idle_topics * 8:
             slow.send(json.dumps({"op": "subscribe", "topic": topic}))
-        tcp = bench.rig.tcp
+        tcp = bench.robot.tcp
         at = hold(page, MOUSE, jog("X", -1), lambda: tcp.moving)
         MOUSE.let_go(page, at)
         until(lambda: not tcp.moving, "rest")
@@ -188,7 +190,7 @@ def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tm
 
     old = own_certificate(["127.0.0.1", "localhost"], long_ago, tmp_path).fingerprint
     with contextlib.ExitStack() as stack:
-        with console_server(bench.rig.endpoint, words, state):
+        with console_server(bench.robot.endpoint, words, state):
             # It ends within 30 days: it is made anew at the start.
             first = own_certificate([], now, tmp_path)
             assert first.fingerprint != old
@@ -198,7 +200,7 @@ def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tm
             loaded = page.value("performance.timeOrigin")
         page.until(f"{LINK} === 'lost'")
         first.certificate.unlink()
-        with console_server(bench.rig.endpoint, words, state):
+        with console_server(bench.robot.endpoint, words, state):
             assert own_certificate([], now, tmp_path).fingerprint != first.fingerprint
             page.until(f"{LINK} === 'live'")
             assert page.value("performance.timeOrigin") == loaded

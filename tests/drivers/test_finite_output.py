@@ -41,7 +41,7 @@ from cardan.types import (
     TwistCommand,
     Vector3,
 )
-from tests.drivers.motoros_rig import Rig
+from tests.drivers.motoros_bench import SessionBench
 from tests.drivers.test_egm_session import Bench
 from tests.examples import examples
 from tests.ranges import drawn
@@ -204,7 +204,7 @@ MOTOROS_TUPLES = {
 MOTOROS_MODES = st.sampled_from(["velocity", "stream"])
 
 
-def motoros_messages(run: Rig) -> list[Message]:
+def motoros_messages(run: SessionBench) -> list[Message]:
     """Every message that the session sends from now on, as the controller reads it."""
     sent: list[Message] = []
     outgoing = run.session.outgoing
@@ -233,7 +233,7 @@ def test_motoros_messages_are_finite(mode, limits, tuples, asked):
     def answer(state):
         return next(turns) if state.ready else HoldCommand()
 
-    run = Rig({"mode": mode, **limits, **tuples}, tick_s=1e-3)
+    run = SessionBench({"mode": mode, **limits, **tuples}, tick_s=1e-3)
     run.ready()
     sent = motoros_messages(run)
     refuse, taken = run.session.command, []

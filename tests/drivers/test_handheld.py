@@ -14,7 +14,7 @@ from cardan.sim_peers.handheld.core import FULL_WAY_M, SimulatedHandheld
 from cardan.sim_peers.handheld.peer import wrapped
 from cardan.spatial import rotation_between, subtract
 from cardan.types import NEUTRAL, DeviceFeedback, DeviceLink
-from tests.drivers.handheld_rig import KEY, Bench, received
+from tests.drivers.handheld_bench import KEY, Bench, received
 from tests.serving import in_a_thread
 from tests.waiting import until
 

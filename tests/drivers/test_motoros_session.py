@@ -25,7 +25,7 @@ from cardan.types import (
     PoseCommand,
     RobotLink,
 )
-from tests.drivers.motoros_rig import Rig
+from tests.drivers.motoros_bench import SessionBench
 from tests.examples import examples
 
 HOME = load_arm("gp8").home
@@ -33,20 +33,22 @@ MODES = ("velocity", "stream")
 STATUS = RobotStatus(1, 0, 0, 0, 0, 2, 1)
 
 
-def rig(mode="auto", answer=None, start_s=100.0, driver=None, **controller):
-    return Rig({"mode": mode, **(driver or {})}, answer, start_s, tick_s=1e-3, **controller)
+def bench(mode="auto", answer=None, start_s=100.0, driver=None, **controller):
+    return SessionBench(
+        {"mode": mode, **(driver or {})}, answer, start_s, tick_s=1e-3, **controller
+    )
 
 
-def turning(rig, speed=0.4):
+def turning(bench, speed=0.4):
     """Joint 1 turns at `speed`, rad/s."""
-    rig.answer = lambda state: JointVelocityCommand((speed,) + (0.0,) * 5)
-    return rig
+    bench.answer = lambda state: JointVelocityCommand((speed,) + (0.0,) * 5)
+    return bench
 
 
-def commanded_speeds(rig, of=0.004):
+def commanded_speeds(bench, of=0.004):
     """Speed of joint 1 as the controller commands it, over steps of `of` s."""
-    found, (then, where) = [], rig.trace[0][:2]
-    for now, position, _ in rig.trace:
+    found, (then, where) = [], bench.trace[0][:2]
+    for now, position, _ in bench.trace:
         if now - then >= of - 1e-9:
             found.append((now, (position - where) / (now - then)))
             then, where = now, position
@@ -57,7 +59,7 @@ def commanded_speeds(rig, of=0.004):
 
 
 def test_after_connecting_it_asks_and_starts_nothing():
-    run = rig("auto").run(1.0)
+    run = bench("auto").run(1.0)
     session = run.session
     assert session.phase is MotionPhase.IDLE
     assert session.control.velocity_info.axes == 6
@@ -71,7 +73,7 @@ def test_after_connecting_it_asks_and_starts_nothing():
 
 
 def test_states_come_at_least_every_tenth_of_a_second():
-    for run in (rig("stream").run(2.0), rig("stream")):
+    for run in (bench("stream").run(2.0), bench("stream")):
         if not run.states:
             run.reachable = False
             run.run(2.0)
@@ -100,12 +102,12 @@ def test_a_refused_connection_is_tried_again_later_and_later():
 
 @pytest.mark.parametrize("big_endian", [False, True])
 def test_the_byte_order_is_the_state_ports(big_endian):
-    run = rig("stream", big_endian=big_endian).ready()
+    run = bench("stream", big_endian=big_endian).ready()
     assert run.session.feed.byte_order is (ByteOrder.BIG if big_endian else ByteOrder.LITTLE)
 
 
 def test_a_byte_order_that_is_told_wrongly_is_named():
-    run = rig("stream", driver={"byte_order": "big"}).run(1.0)
+    run = bench("stream", driver={"byte_order": "big"}).run(1.0)
     assert run.session.phase is MotionPhase.DOWN
     assert any("prefix" in words for words in run.session.diagnosis(run.now_s))
 
@@ -119,14 +121,14 @@ def test_reals_of_eight_bytes_are_not_motoros():
 
 
 def test_a_stock_controller_is_streamed_to():
-    run = rig("auto", velocity_mode=False).ready()
+    run = bench("auto", velocity_mode=False).ready()
     assert run.session.control.velocity_info is None
     assert run.states[-1].period_s == pytest.approx(0.020)
     assert run.session.capabilities.period_s == pytest.approx(0.020)
 
 
 def test_velocity_mode_is_refused_in_words_where_there_is_none():
-    run = rig("velocity", velocity_mode=False).run(0.5)
+    run = bench("velocity", velocity_mode=False).run(0.5)
     run.session.enable(run.now_s)
     run.run(0.5)
     assert run.session.phase is MotionPhase.IDLE
@@ -134,13 +136,13 @@ def test_velocity_mode_is_refused_in_words_where_there_is_none():
 
 
 def test_another_group_than_there_is_gives_no_state():
-    run = rig("stream", driver={"group": 2}).run(1.0)
+    run = bench("stream", driver={"group": 2}).run(1.0)
     assert run.states[-1].link is RobotLink.WAITING
     assert "group 2" in run.states[-1].hold_reason
 
 
 def test_the_second_of_two_groups_is_moved_alone():
-    run = rig("stream", driver={"group": 1}, groups=2).ready()
+    run = bench("stream", driver={"group": 1}, groups=2).ready()
     turning(run).run(0.5)
     start = run.peer_options.arm.home
     assert run.controller.command_rad(0) == pytest.approx(start, abs=1e-3)
@@ -152,7 +154,7 @@ def test_the_second_of_two_groups_is_moved_alone():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
-    run = rig(mode).run(0.5)
+    run = bench(mode).run(0.5)
     before = run.session.sessions
     run.ready()
     assert run.session.sessions == before + 1
@@ -168,7 +170,7 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
 @pytest.mark.parametrize("mode", MODES)
 def test_added_latency_is_small(mode):
     """From the control instant to the middle of the motion commanded for it."""
-    run = rig(mode).ready()
+    run = bench(mode).ready()
     start_s, home = run.now_s, run.states[-1].joints
     run.trace.clear()
 
@@ -194,7 +196,7 @@ def test_added_latency_is_small(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_what_is_commanded_keeps_the_limits_whatever_is_asked(mode):
-    run = rig(mode).ready()
+    run = bench(mode).ready()
     arm = run.peer_options.arm
     run.trace.clear()
     run.answer = lambda state: JointVelocityCommand(
@@ -211,7 +213,7 @@ def test_what_is_commanded_keeps_the_limits_whatever_is_asked(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_unanswered_states_are_holds(mode):
-    run = rig(mode).ready()
+    run = bench(mode).ready()
     where = run.controller.command_rad(0)
     run.run(1.0)
     assert run.controller.command_rad(0) == pytest.approx(where, abs=1e-4)
@@ -219,7 +221,7 @@ def test_unanswered_states_are_holds(mode):
 
 
 def test_at_start_motion_is_enabled_once_and_never_again():
-    run = rig("stream", driver={"enable": "at-start"}).run(2.0)
+    run = bench("stream", driver={"enable": "at-start"}).run(2.0)
     assert run.session.control.enabled
     run.unplug("motion")
     run.run(4.0)
@@ -228,7 +230,7 @@ def test_at_start_motion_is_enabled_once_and_never_again():
 
 
 def test_enabling_without_a_connection_is_refused_and_not_remembered():
-    run = rig("stream")
+    run = bench("stream")
     run.reachable = False
     run.run(0.5)
     run.session.enable(run.now_s)
@@ -241,7 +243,7 @@ def test_enabling_without_a_connection_is_refused_and_not_remembered():
 @pytest.mark.parametrize("mode", MODES)
 def test_the_guide_and_the_robot_agree_after_rest(mode):
     """Integrated velocities drift by fractions of a period; rest corrects that."""
-    run = rig(mode).ready()
+    run = bench(mode).ready()
     start = run.states[-1].joints
     run.answer = lambda state: JointVelocityCommand((0.7 if state.sequence % 30 < 15 else 0.1,) * 6)
     run.run(1.0)
@@ -276,7 +278,7 @@ HANDS_LATER = [
 @pytest.mark.parametrize("words", HANDS)
 @pytest.mark.parametrize("mode", MODES)
 def test_a_hand_on_the_pendant_ends_motion_until_it_is_enabled_again(mode, words):
-    run = turning(rig(mode).ready()).run(0.5)
+    run = turning(bench(mode).ready()).run(0.5)
     HANDS[words](run.controller, run.now_s)
     run.states.clear()
     run.run(0.06)
@@ -300,7 +302,7 @@ def test_a_hand_on_the_pendant_ends_motion_until_it_is_enabled_again(mode, words
 
 
 def test_a_start_that_is_refused_says_why():
-    run = rig("stream").run(0.5)
+    run = bench("stream").run(0.5)
     run.controller.mode("teach", run.now_s)
     run.run(0.2)
     run.session.enable(run.now_s)
@@ -328,7 +330,7 @@ def misplace(run, times):
 @pytest.mark.parametrize("times", [1, 3, 1000])
 def test_a_refused_first_point_is_followed_by_no_other(times):
     """The controller has kept it: the next point would make the arm jump there."""
-    run = turning(rig("stream").run(1.0))
+    run = turning(bench("stream").run(1.0))
     answers = misplace(run, times)
     run.session.enable(run.now_s)
     run.run(3.0)
@@ -347,7 +349,7 @@ def test_a_refused_first_point_is_followed_by_no_other(times):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_three_missed_states_brake_along_a_ramp(mode):
-    run = turning(rig(mode).ready()).run(0.5)
+    run = turning(bench(mode).ready()).run(0.5)
     run.trace.clear()
     cut_s = run.now_s
     feed = run.session.feed
@@ -367,7 +369,7 @@ def test_three_missed_states_brake_along_a_ramp(mode):
 
 
 def test_a_lost_motion_connection_comes_back_without_motion():
-    run = turning(rig("stream").ready()).run(0.5)
+    run = turning(bench("stream").ready()).run(0.5)
     run.unplug("motion")
     run.run(0.2)
     assert "motion connection was lost" in run.states[-1].hold_reason
@@ -400,7 +402,7 @@ def test_a_lost_motion_connection_comes_back_without_motion():
 )
 @pytest.mark.parametrize("mode", MODES)
 def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, words):
-    run = turning(rig(mode, faults={fault: value}))
+    run = turning(bench(mode, faults={fault: value}))
     run.run(0.6)
     run.session.enable(run.now_s)
     run.run(5.5 if fault in ("state-pause", "drop-reply") else 2.5)
@@ -427,7 +429,7 @@ def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, 
 )
 @pytest.mark.parametrize("mode", MODES)
 def test_how_bytes_are_cut_makes_no_difference(mode, fault):
-    run = turning(rig(mode, faults=fault).ready()).run(0.8)
+    run = turning(bench(mode, faults=fault).ready()).run(0.8)
     run.trace.clear()
     run.run(0.2)
     assert run.session.control.enabled
@@ -437,7 +439,7 @@ def test_how_bytes_are_cut_makes_no_difference(mode, fault):
 
 
 def test_replies_too_late_for_a_stream_end_it_without_a_step_at_rest():
-    run = turning(rig("stream", faults={"late": 30.0}).ready(), 0.1).run(4.0)
+    run = turning(bench("stream", faults={"late": 30.0}).ready(), 0.1).run(4.0)
     assert not run.session.control.enabled
     assert run.session.control.counters.underruns >= 3
     assert "too slow for a stream" in run.session.control.end_reason
@@ -448,7 +450,7 @@ def test_replies_too_late_for_a_stream_end_it_without_a_step_at_rest():
 
 
 def test_garbage_between_states_is_named_and_survived():
-    run = rig("stream", faults={"garbage": 0.05}).run(6.0)
+    run = bench("stream", faults={"garbage": 0.05}).run(6.0)
     assert run.session.feed.ignored
     assert run.session.protocol_errors()["malformed"] >= 1
     assert run.session.metrics(run.now_s)["reconnects"] >= 1.0
@@ -458,7 +460,7 @@ def test_garbage_between_states_is_named_and_survived():
 @pytest.mark.matrix("stream")
 @pytest.mark.parametrize("mode", MODES)
 def test_a_robot_slowed_by_its_safety_unit_goes_on(mode):
-    run = turning(rig(mode, faults={"fsu": 0.02}).ready(), 1.0).run(1.0)
+    run = turning(bench(mode, faults={"fsu": 0.02}).ready(), 1.0).run(1.0)
     assert run.session.control.enabled
     # Steps of 0.04 s have 10 or 11 interpolation periods.
     fastest = max(speed for _, speed in commanded_speeds(run, 0.04))
@@ -467,7 +469,7 @@ def test_a_robot_slowed_by_its_safety_unit_goes_on(mode):
 
 @pytest.mark.matrix
 def test_a_stream_slowed_by_the_safety_unit_is_stretched_and_loses_nothing():
-    run = rig("stream", faults={"fsu": 0.02}).ready()
+    run = bench("stream", faults={"fsu": 0.02}).ready()
     start = run.states[-1].joints
     target = (start[0] + 0.2, *start[1:])
     run.answer = lambda state: JointCommand(target)
@@ -479,7 +481,7 @@ def test_a_stream_slowed_by_the_safety_unit_is_stretched_and_loses_nothing():
 
 
 def test_the_controllers_own_limits_count_where_they_are_narrower():
-    run = turning(rig("velocity", speed_limits=(0.3,) * 6).ready(), 2.0)
+    run = turning(bench("velocity", speed_limits=(0.3,) * 6).ready(), 2.0)
     run.trace.clear()
     run.run(1.0)
     assert max(speed for _, speed in commanded_speeds(run, 0.04)) <= 0.3 + 1e-3
@@ -487,7 +489,7 @@ def test_the_controllers_own_limits_count_where_they_are_narrower():
 
 
 def test_another_arm_than_the_controllers_is_refused():
-    run = rig("velocity", robot="asibot").run(0.5)
+    run = bench("velocity", robot="asibot").run(0.5)
     run.session.enable(run.now_s)
     run.run(0.3)
     assert run.session.phase is MotionPhase.IDLE
@@ -498,11 +500,11 @@ def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
     def greet(run):
         return run.run(1.0, until=lambda: run.session.phase is MotionPhase.GREETING)
 
-    run = greet(rig("stream"))
+    run = greet(bench("stream"))
     run.session.enable(run.now_s)
     run.run(1.0)
     assert run.session.control.enabled
-    run = greet(rig("stream"))
+    run = greet(bench("stream"))
     run.session.enable(run.now_s)
     run.unplug("motion")
     run.run(3.0)
@@ -510,7 +512,7 @@ def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
 
 
 def test_disabling_while_motion_is_being_started():
-    run = rig("stream", servo_on=False).run(0.5)
+    run = bench("stream", servo_on=False).run(0.5)
     run.session.enable(run.now_s)
     run.run(0.1)
     assert run.session.phase is MotionPhase.STARTING
@@ -521,7 +523,7 @@ def test_disabling_while_motion_is_being_started():
 
 
 def test_a_connection_that_is_lost_while_motion_is_being_started():
-    run = rig("stream", servo_on=False).run(0.5)
+    run = bench("stream", servo_on=False).run(0.5)
     run.session.enable(run.now_s)
     run.run(0.1)
     run.unplug("motion")
@@ -533,7 +535,7 @@ def test_a_connection_that_is_lost_while_motion_is_being_started():
 @pytest.mark.matrix("velocity")
 @pytest.mark.parametrize("mode", MODES)
 def test_braking_that_nobody_answers_ends_all_the_same(mode):
-    run = turning(rig(mode).ready()).run(0.5)
+    run = turning(bench(mode).ready()).run(0.5)
     run.session.disable(run.now_s)
     received = run.session.received
     run.session.received = lambda channel, data, now_s: (
@@ -550,14 +552,14 @@ def test_braking_that_nobody_answers_ends_all_the_same(mode):
 
 @pytest.mark.parametrize("trust", [True, False])
 def test_measured_speeds_are_told_where_they_are_trusted(trust):
-    run = turning(rig("velocity", driver={"trust_velocity": trust}).ready()).run(0.5)
+    run = turning(bench("velocity", driver={"trust_velocity": trust}).ready()).run(0.5)
     expected = pytest.approx((0.4,) + (0.0,) * 5, abs=0.02) if trust else ()
     assert run.states[-1].velocities == expected
 
 
 def test_a_robot_that_takes_its_time_is_waited_for():
     """Servos off: the start takes a second, and states go on meanwhile."""
-    run = rig("stream", servo_on=False).run(0.5)
+    run = bench("stream", servo_on=False).run(0.5)
     run.session.enable(run.now_s)
     run.states.clear()
     run.run(0.5)
@@ -567,7 +569,7 @@ def test_a_robot_that_takes_its_time_is_waited_for():
 
 
 def test_another_client_that_takes_the_place_is_not_fought_for_ever():
-    run = rig("stream").run(1.0)
+    run = bench("stream").run(1.0)
     taken = 0
     for _ in range(400):
         if "motion" in run.numbers and run.session.phase is MotionPhase.IDLE:
@@ -582,7 +584,7 @@ def test_another_client_that_takes_the_place_is_not_fought_for_ever():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_disabling_brakes_along_a_ramp_and_leaves_the_mode(mode):
-    run = turning(rig(mode).ready()).run(0.5)
+    run = turning(bench(mode).ready()).run(0.5)
     run.trace.clear()
     run.session.disable(run.now_s)
     run.run(1.5)
@@ -600,7 +602,7 @@ def test_disabling_brakes_along_a_ramp_and_leaves_the_mode(mode):
 
 
 def test_stop_is_at_once():
-    run = turning(rig("stream").ready()).run(0.5)
+    run = turning(bench("stream").ready()).run(0.5)
     run.session.stop(run.now_s)
     run.run(0.03)
     where = run.controller.command_rad(0)
@@ -610,7 +612,7 @@ def test_stop_is_at_once():
 
 
 def test_servos_and_alarms():
-    run = rig("stream", servo_on=False).run(0.5)
+    run = bench("stream", servo_on=False).run(0.5)
     run.session.ask("servo on", run.now_s)
     run.run(3.0)
     assert run.controller.status().drives_powered == 1
@@ -633,7 +635,7 @@ def test_servos_and_alarms():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_leaving_ends_at_rest_and_in_time(mode):
-    run = turning(rig(mode).ready()).run(0.5)
+    run = turning(bench(mode).ready()).run(0.5)
     run.session.leave(run.now_s)
     began_s = run.now_s
     run.run(2.0, until=lambda: run.session.control.left)
@@ -660,7 +662,7 @@ def test_leaving_ends_at_rest_and_in_time(mode):
 )
 @pytest.mark.parametrize("ready", [True, False])
 def test_a_command_that_cannot_be_is_refused_and_changes_nothing(command, words, ready):
-    run = rig("velocity")
+    run = bench("velocity")
     if ready:
         run.ready()
     sent = run.session.control.counters.commands

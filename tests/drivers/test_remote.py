@@ -35,7 +35,7 @@ from cardan.types import (
     Vector3,
     Wrench,
 )
-from tests.drivers.remote_rig import ABLE, LAN, STEP_S, Bench, Link, in_age, received
+from tests.drivers.remote_bench import ABLE, LAN, STEP_S, Bench, Link, in_age, received
 
 WIFI = Link(0.001, 0.015, loss=0.01, in_order=False, twice=0.01)
 LTE = Link(0.025, 0.04, loss=0.01, in_order=False)

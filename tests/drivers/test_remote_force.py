@@ -47,7 +47,7 @@ from cardan.types import (
     Pose,
     Vector3,
 )
-from tests.drivers.remote_rig import Bench, Link
+from tests.drivers.remote_bench import Bench, Link
 from tests.gateway.force.fakes import FakeHaptic
 
 UP = Vector3(0.0, 0.0, 1.0)

@@ -13,7 +13,7 @@ from cardan.drivers.remote.playout import MotionSample, Playout
 from cardan.drivers.remote.shared import CLAIM_PERIOD_S
 from cardan.errors import OptionError
 from cardan.types import IDENTITY, NEUTRAL, Axes, DeviceLink, Pose, Vector3
-from tests.drivers.remote_rig import STEP_S, Bench, Link, Way
+from tests.drivers.remote_bench import STEP_S, Bench, Link, Way
 
 PERIOD_S = 0.008
 """Between the reports of a SpaceMouse."""

@@ -21,7 +21,7 @@ from cardan.types import (
     RobotLink,
     TorqueCommand,
 )
-from tests.drivers.ros2_rig import KEY, Wire, WiredArm, follow, joint_states, received
+from tests.drivers.ros2_bench import KEY, Wire, WiredArm, follow, joint_states, received
 
 NAMES = load_arm("ur5").joint_names
 HOME = load_arm("ur5").home

@@ -17,8 +17,8 @@ from cardan.robots import load_arm
 from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
 from cardan.types import HoldCommand, JointCommand, RobotLink
 from cardan_dds.node import DdsNode
-from tests.dds_rig import OPTIONS
-from tests.drivers.ros2_rig import joint_states
+from tests.dds_network import OPTIONS
+from tests.drivers.ros2_bench import joint_states
 from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix

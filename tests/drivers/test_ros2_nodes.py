@@ -13,7 +13,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.sim_peers.ros2_device import NodePeer, NodePeerOptions
 from cardan.types import NEUTRAL, DeviceFeedback, DeviceLink
-from tests.drivers.ros2_node_rig import KEY, Bench, received
+from tests.drivers.ros2_node_bench import KEY, Bench, received
 from tests.waiting import until
 
 NODES = ("spacenav", "joy_node", "game_controller")

@@ -14,7 +14,7 @@ from cardan.drivers.ur_rtde import compiled
 from cardan.drivers.ur_rtde.session import UrSession
 from cardan.errors import CommandError
 from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCommand
-from tests.drivers.ur_rig import Rig
+from tests.drivers.ur_bench import SessionBench
 
 STATE_BYTES, COMMAND_BYTES = 244, 112
 DOUBLES = (*range(4, 204, 8), 216, 224)
@@ -130,10 +130,10 @@ def clock_of(session):
 def test_a_session_is_that_in_python_to_the_last_bit(monkeypatch, seed):
     choice = random.Random(seed)
     options = {"speed_share": choice.choice((1.0, 0.3))}
-    rig = Rig(options, lambda state: random_command(choice, state))
-    quick, library = rig.session, compiled.ur_library()
-    plain = UrSession(rig.options, iter(range(1000, 2000)).__next__)
-    rig.session = Twins(quick, plain, changed_by(choice))
+    bench = SessionBench(options, lambda state: random_command(choice, state))
+    quick, library = bench.session, compiled.ur_library()
+    plain = UrSession(bench.options, iter(range(1000, 2000)).__next__)
+    bench.session = Twins(quick, plain, changed_by(choice))
     # Which of the two is asked decides whether there is a compiled part.
     turn = []
     monkeypatch.setattr(compiled, "ur_library", lambda: library if not turn else missing())
@@ -147,15 +147,15 @@ def test_a_session_is_that_in_python_to_the_last_bit(monkeypatch, seed):
     plain.received = received_plain
     taken, ends = Counter(), set()
     for _ in range(2500):
-        if rig.session.phase == "idle":
-            rig.session.ask("enable", rig.now_s)
+        if bench.session.phase == "idle":
+            bench.session.ask("enable", bench.now_s)
         if choice.random() < 0.01:
-            rig.stall(choice.choice((0.003, 0.006, 0.02)))
+            bench.stall(choice.choice((0.003, 0.006, 0.02)))
         if choice.random() < 0.0005:
-            rig.stall(0.3)
+            bench.stall(0.3)
         if choice.random() < 0.005:
-            rig.controller.slider = choice.choice((0.0, 0.3, *[1.0] * 6))
-        rig.run(0.002)
+            bench.controller.slider = choice.choice((0.0, 0.3, *[1.0] * 6))
+        bench.run(0.002)
         assert str(quick.feed.values) == str(plain.feed.values)
         assert clock_of(quick) == clock_of(plain)
         assert str(quick.metrics()) == str(plain.metrics())
@@ -174,10 +174,12 @@ def test_a_session_is_that_in_python_to_the_last_bit(monkeypatch, seed):
 
 def test_a_usual_cycle_never_needs_the_session_in_python(monkeypatch):
     still = HoldCommand()
-    rig = Rig(answer=lambda at: JointCommand(at.joints, (0.0,) * 6) if at.ready else still)
-    rig.ready()
-    rig.run(0.02)
-    feed, motion = rig.session.feed, rig.session._motion
+    bench = SessionBench(
+        answer=lambda at: JointCommand(at.joints, (0.0,) * 6) if at.ready else still
+    )
+    bench.ready()
+    bench.run(0.02)
+    feed, motion = bench.session.feed, bench.session._motion
     fell_back = Counter()
 
     def counted(owner, name):
@@ -191,21 +193,21 @@ def test_a_usual_cycle_never_needs_the_session_in_python(monkeypatch):
 
     counted(feed, "_take_values")
     counted(motion, "command")
-    packages, commands = feed.packages, rig.session.commands
-    rig.run(0.2)
+    packages, commands = feed.packages, bench.session.commands
+    bench.run(0.2)
     assert feed.packages - packages > 90
-    assert rig.session.commands - commands > 90
+    assert bench.session.commands - commands > 90
     assert fell_back["command"] == 0
     # In virtual time all states are as quick, but for rounding; the quickest so far is Python's.
     assert fell_back["_take_values"] < 10
 
 
 def test_registers_of_other_types_are_not_written_by_the_compiled_part():
-    rig = Rig()
-    rig.ready()
-    assert len(rig.session.feed.command_head) == compiled.HEAD
-    rig.session.feed._inputs.types = ("UINT32",) * 15
-    assert rig.session.feed.command_head == b""
+    bench = SessionBench()
+    bench.ready()
+    assert len(bench.session.feed.command_head) == compiled.HEAD
+    bench.session.feed._inputs.types = ("UINT32",) * 15
+    assert bench.session.feed.command_head == b""
 
 
 def test_a_library_of_another_version_is_not_used(monkeypatch):
@@ -217,9 +219,9 @@ def test_a_library_of_another_version_is_not_used(monkeypatch):
 
 
 def test_wrong_numbers_of_arguments_are_refused():
-    rig = Rig()
-    rig.ready()
+    bench = SessionBench()
+    bench.ready()
     with pytest.raises(TypeError, match="2 arguments"):
-        rig.session.feed._compiled.take(b"")
+        bench.session.feed._compiled.take(b"")
     with pytest.raises(TypeError, match="3 arguments"):
-        rig.session._motion._answer()
+        bench.session._motion._answer()

@@ -20,7 +20,7 @@ from cardan.types import (
     RobotLink,
     TorqueCommand,
 )
-from tests.drivers.ur_rig import Rig
+from tests.drivers.ur_bench import SessionBench
 
 pytestmark = pytest.mark.matrix
 
@@ -35,25 +35,25 @@ SERVO = 0.03
 def turning(**controller):
     """A robot that turns joint 1 at SPEED, and has for half a second."""
     driver = {"acceleration_rad_s2": (ACCELERATION,) * 6, **controller.pop("driver", {})}
-    rig = Rig(driver, lambda state: TURN, **controller)
-    rig.ready()
-    rig.run(0.6)
-    return rig
+    bench = SessionBench(driver, lambda state: TURN, **controller)
+    bench.ready()
+    bench.run(0.6)
+    return bench
 
 
-def speeds(rig, since_s=0.0):
+def speeds(bench, since_s=0.0):
     """Of joint 1's command in the controller, rad/s, frame by frame."""
-    rows = [(t, q[0]) for t, q, _ in rig.trace if t >= since_s]
+    rows = [(t, q[0]) for t, q, _ in bench.trace if t >= since_s]
     times, joint = np.array(rows).T
     return np.diff(joint) / np.diff(times)
 
 
-def place(rig):
-    return rig.controller.motion.target_q[0]
+def place(bench):
+    return bench.controller.motion.target_q[0]
 
 
-def events(rig):
-    return [text for _, text in rig.controller.events]
+def events(bench):
+    return [text for _, text in bench.controller.events]
 
 
 # -- starting --------------------------------------------------------------------------------------
@@ -61,39 +61,39 @@ def events(rig):
 
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])
 def test_a_robot_without_power_is_started_and_nothing_moves(robot):
-    rig = Rig(robot=robot, running=False)
-    before = tuple(rig.controller.motion.target_q)
-    rig.ready()
-    assert rig.session.phase == "moving"
-    assert {row[1] for row in rig.trace} == {before}
-    said = {state.hold_reason for state in rig.states}
+    bench = SessionBench(robot=robot, running=False)
+    before = tuple(bench.controller.motion.target_q)
+    bench.ready()
+    assert bench.session.phase == "moving"
+    assert {row[1] for row in bench.trace} == {before}
+    said = {state.hold_reason for state in bench.states}
     assert {"starting: power is coming on", "starting: the program is being started"} < said
-    assert rig.states[-1].joints == pytest.approx(before)
+    assert bench.states[-1].joints == pytest.approx(before)
     rate_hz = 500.0 if robot == "ur5e" else 125.0
-    assert rig.session.capabilities.period_s == pytest.approx(1.0 / rate_hz)
+    assert bench.session.capabilities.period_s == pytest.approx(1.0 / rate_hz)
 
 
 def test_nothing_is_started_unless_it_is_asked_for():
-    rig = Rig(running=False).run(3.0)
-    assert rig.session.phase == "idle"
-    assert rig.states[-1].hold_reason == "power is off; motion is not enabled"
-    assert "dashboard" not in rig.numbers
-    assert "primary" not in rig.numbers
+    bench = SessionBench(running=False).run(3.0)
+    assert bench.session.phase == "idle"
+    assert bench.states[-1].hold_reason == "power is off; motion is not enabled"
+    assert "dashboard" not in bench.numbers
+    assert "primary" not in bench.numbers
 
 
 def test_at_start_is_once():
-    rig = Rig({"enable": "at-start"}).run(1.0)
-    assert rig.states[-1].ready
-    rig.unplug("rtde")
-    rig.run(3.0)
-    assert rig.states[-1].link is RobotLink.LIVE
-    assert not rig.states[-1].ready
-    assert rig.session.starts == 1
+    bench = SessionBench({"enable": "at-start"}).run(1.0)
+    assert bench.states[-1].ready
+    bench.unplug("rtde")
+    bench.run(3.0)
+    assert bench.states[-1].link is RobotLink.LIVE
+    assert not bench.states[-1].ready
+    assert bench.session.starts == 1
 
 
 def test_two_connections_are_closed_once_the_program_runs():
-    rig = Rig().ready()
-    assert set(rig.numbers) == {"rtde"}
+    bench = SessionBench().ready()
+    assert set(bench.numbers) == {"rtde"}
 
 
 REFUSED = {
@@ -114,21 +114,21 @@ REFUSED = {
 @pytest.mark.parametrize("why", REFUSED)
 def test_a_start_that_is_refused_says_why(why):
     controller, words = REFUSED[why]
-    rig = Rig({"start_timeout_s": 2.0}, **controller).run(0.5)
-    rig.session.ask("enable", rig.now_s)
-    rig.run(2.5)
-    assert rig.session.phase == "idle"
-    assert words in rig.states[-1].hold_reason
-    assert words in rig.session.diagnosis(rig.now_s)[0]
-    assert set(rig.numbers) == {"rtde"}
+    bench = SessionBench({"start_timeout_s": 2.0}, **controller).run(0.5)
+    bench.session.ask("enable", bench.now_s)
+    bench.run(2.5)
+    assert bench.session.phase == "idle"
+    assert words in bench.states[-1].hold_reason
+    assert words in bench.session.diagnosis(bench.now_s)[0]
+    assert set(bench.numbers) == {"rtde"}
 
 
 def test_another_program_is_not_stopped():
-    rig = Rig(faults={"other-program": 0.1}).run(0.5)
-    rig.session.ask("enable", rig.now_s)
-    rig.run(2.0)
-    assert "another program runs at the controller" in rig.states[-1].hold_reason
-    assert rig.controller.program_name == "other"
+    bench = SessionBench(faults={"other-program": 0.1}).run(0.5)
+    bench.session.ask("enable", bench.now_s)
+    bench.run(2.0)
+    assert "another program runs at the controller" in bench.states[-1].hold_reason
+    assert bench.controller.program_name == "other"
 
 
 def test_a_program_that_the_controller_does_not_understand_is_named(monkeypatch):
@@ -136,69 +136,71 @@ def test_a_program_that_the_controller_does_not_understand_is_named(monkeypatch)
         "cardan.drivers.ur_rtde.session.program",
         lambda *a: "def cardan():\n  optimovej([0])\nend\n",
     )
-    rig = Rig().run(0.5)
-    rig.session.ask("enable", rig.now_s)
-    rig.run(1.0)
-    assert "line 2: optimovej() is not supported" in rig.states[-1].hold_reason
+    bench = SessionBench().run(0.5)
+    bench.session.ask("enable", bench.now_s)
+    bench.run(1.0)
+    assert "line 2: optimovej() is not supported" in bench.states[-1].hold_reason
 
 
 def test_text_of_a_urcap_during_a_start_is_none_of_its_failures():
-    rig = Rig().run(0.5)
-    rig.session.ask("enable", rig.now_s)
+    bench = SessionBench().run(0.5)
+    bench.session.ask("enable", bench.now_s)
 
     def said():
-        rig.controller.messages.append(text_message(rig.now_s, "URCap: gripper ready"))
-        return rig.states[-1].ready
+        bench.controller.messages.append(text_message(bench.now_s, "URCap: gripper ready"))
+        return bench.states[-1].ready
 
-    rig.run(5.0, until=said)
-    assert rig.states[-1].ready, rig.states[-1].hold_reason
+    bench.run(5.0, until=said)
+    assert bench.states[-1].ready, bench.states[-1].hold_reason
 
 
 @pytest.mark.parametrize("channel", ["dashboard", "primary"])
 def test_a_start_without_one_of_the_ports(channel):
-    rig = Rig().run(0.5)
-    connect = rig._connect
+    bench = SessionBench().run(0.5)
+    connect = bench._connect
 
     def fails(name):
         if name == channel:
-            rig.session.connect_failed(name, "Connection refused", rig.now_s)
+            bench.session.connect_failed(name, "Connection refused", bench.now_s)
         else:
             connect(name)
 
-    rig._connect = fails
-    rig.session.ask("enable", rig.now_s)
-    rig.run(0.5)
-    port = rig.options.dashboard_port if channel == "dashboard" else rig.options.primary_port
-    assert f"port {port}: Connection refused" in rig.states[-1].hold_reason
+    bench._connect = fails
+    bench.session.ask("enable", bench.now_s)
+    bench.run(0.5)
+    port = bench.options.dashboard_port if channel == "dashboard" else bench.options.primary_port
+    assert f"port {port}: Connection refused" in bench.states[-1].hold_reason
 
 
 def test_registers_that_a_fieldbus_has():
-    rig = Rig(faults={"in-use": 1.0}).run(1.0)
-    assert rig.states[-1].link is RobotLink.WAITING
-    assert "a fieldbus, has the registers input_int_register_24" in rig.states[-1].hold_reason
+    bench = SessionBench(faults={"in-use": 1.0}).run(1.0)
+    assert bench.states[-1].link is RobotLink.WAITING
+    assert "a fieldbus, has the registers input_int_register_24" in bench.states[-1].hold_reason
 
 
 def test_two_drivers_at_one_controller():
-    rig = Rig().ready()
-    other = rig.servers.accepted("rtde", rig.now_s)
+    bench = SessionBench().ready()
+    other = bench.servers.accepted("rtde", bench.now_s)
     from cardan.protocols.ur.rtde import ask_inputs, ask_version
 
-    rig.servers.data(other, ask_version(), rig.now_s)
-    rig.servers.data(other, ask_inputs(["input_int_register_24"]), rig.now_s)
-    answers = b"".join(data for number, data in rig.servers.outgoing() if number == other)
+    bench.servers.data(other, ask_version(), bench.now_s)
+    bench.servers.data(other, ask_inputs(["input_int_register_24"]), bench.now_s)
+    answers = b"".join(data for number, data in bench.servers.outgoing() if number == other)
     assert b"IN_USE" in answers
 
 
 def test_nobody_listens():
-    rig = Rig()
-    rig.reachable = False
-    rig.run(1.0)
-    assert rig.states[-1].hold_reason == "no RTDE connection to 127.0.0.1:30004: Connection refused"
-    gaps = np.diff([state.stamp_s for state in rig.states])
+    bench = SessionBench()
+    bench.reachable = False
+    bench.run(1.0)
+    assert (
+        bench.states[-1].hold_reason == "no RTDE connection to 127.0.0.1:30004: Connection refused"
+    )
+    gaps = np.diff([state.stamp_s for state in bench.states])
     assert gaps.max() < 0.1
-    rig.reachable = True
-    rig.run(2.5)
-    assert rig.states[-1].link is RobotLink.LIVE
+    bench.reachable = True
+    bench.run(2.5)
+    assert bench.states[-1].link is RobotLink.LIVE
 
 
 # -- moving ----------------------------------------------------------------------------------------
@@ -206,76 +208,80 @@ def test_nobody_listens():
 
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])
 def test_a_speed_is_followed(robot):
-    rig = turning(robot=robot)
-    assert speeds(rig)[-10:] == pytest.approx(SPEED, rel=1e-3)
-    assert rig.session.diagnosis(rig.now_s) == ()
-    assert rig.session.metrics()["lost"] == 0.0
+    bench = turning(robot=robot)
+    assert speeds(bench)[-10:] == pytest.approx(SPEED, rel=1e-3)
+    assert bench.session.diagnosis(bench.now_s) == ()
+    assert bench.session.metrics()["lost"] == 0.0
 
 
 @pytest.mark.parametrize("registers", ["upper", "lower"])
 def test_a_place_is_reached_within_the_limits(registers):
     goal = (0.5, -1.2, 1.2, -1.3, -1.4, 0.4)
-    rig = Rig(
+    bench = SessionBench(
         {"acceleration_rad_s2": (ACCELERATION,) * 6, "registers": registers},
         lambda state: JointCommand(goal),
     ).ready()
-    rig.run(3.0)
-    assert rig.controller.motion.actual_q == pytest.approx(goal, abs=1e-4)
-    path = np.array([q for _, q, _ in rig.trace])
-    rates = np.diff(path, axis=0) / rig.controller.period_s
-    assert np.abs(rates).max() <= max(rig.options.limits.velocity) * 1.001
-    assert np.abs(np.diff(rates, axis=0)).max() / rig.controller.period_s <= ACCELERATION * 1.05
+    bench.run(3.0)
+    assert bench.controller.motion.actual_q == pytest.approx(goal, abs=1e-4)
+    path = np.array([q for _, q, _ in bench.trace])
+    rates = np.diff(path, axis=0) / bench.controller.period_s
+    assert np.abs(rates).max() <= max(bench.options.limits.velocity) * 1.001
+    assert np.abs(np.diff(rates, axis=0)).max() / bench.controller.period_s <= ACCELERATION * 1.05
 
 
 def test_a_far_goal_is_no_jump():
-    rig = Rig(answer=lambda state: JointCommand((3.0, *HOME[1:]))).ready().run(0.01)
-    assert place(rig) < 0.01
+    bench = SessionBench(answer=lambda state: JointCommand((3.0, *HOME[1:]))).ready().run(0.01)
+    assert place(bench) < 0.01
 
 
 def test_a_goal_outside_of_the_ranges_stays_inside():
-    rig = Rig(answer=lambda state: JointCommand((0.0, -1.57, 9.0, -1.57, -1.57, 0.0))).ready()
-    rig.run(3.0)
-    assert rig.session.phase == "moving"
-    assert rig.controller.motion.target_q[2] == pytest.approx(rig.options.limits.upper[2], abs=1e-3)
+    bench = SessionBench(
+        answer=lambda state: JointCommand((0.0, -1.57, 9.0, -1.57, -1.57, 0.0))
+    ).ready()
+    bench.run(3.0)
+    assert bench.session.phase == "moving"
+    assert bench.controller.motion.target_q[2] == pytest.approx(
+        bench.options.limits.upper[2], abs=1e-3
+    )
 
 
 def test_a_hold_brakes_and_stays():
-    rig = turning()
-    rig.answer = lambda state: HoldCommand()
-    rig.run(0.5)
-    at = place(rig)
-    rig.run(0.5)
-    assert place(rig) == pytest.approx(at, abs=1e-6)
-    assert rig.session.phase == "moving"
+    bench = turning()
+    bench.answer = lambda state: HoldCommand()
+    bench.run(0.5)
+    at = place(bench)
+    bench.run(0.5)
+    assert place(bench) == pytest.approx(at, abs=1e-6)
+    assert bench.session.phase == "moving"
 
 
 def test_what_the_robot_cannot_take():
-    rig = Rig().ready()
-    take = rig.session.command
+    bench = SessionBench().ready()
+    take = bench.session.command
     with pytest.raises(CommandError, match="takes no torque"):
-        take(TorqueCommand((0.0,) * 6), rig.now_s)
+        take(TorqueCommand((0.0,) * 6), bench.now_s)
     with pytest.raises(CommandError, match="5 values for 6 joints"):
-        take(JointCommand((0.0,) * 5), rig.now_s)
+        take(JointCommand((0.0,) * 5), bench.now_s)
     with pytest.raises(CommandError, match="finite"):
-        take(JointCommand((float("nan"),) * 6), rig.now_s)
-    assert CommandKind.TORQUE not in rig.session.capabilities.commands
+        take(JointCommand((float("nan"),) * 6), bench.now_s)
+    assert CommandKind.TORQUE not in bench.session.capabilities.commands
 
 
 def test_a_state_is_answered_once():
-    rig = Rig(answer=lambda state: None).ready()
-    before = rig.session.commands
-    rig.session.command(HoldCommand(), rig.now_s)
-    rig.session.command(HoldCommand(), rig.now_s)
-    assert rig.session.commands == before + 1
+    bench = SessionBench(answer=lambda state: None).ready()
+    before = bench.session.commands
+    bench.session.command(HoldCommand(), bench.now_s)
+    bench.session.command(HoldCommand(), bench.now_s)
+    assert bench.session.commands == before + 1
 
 
 @pytest.mark.parametrize("fault", [{"split": 1.0}, {"garbage": 0.3}, {"skip": 0.2}, {"late": 4.0}])
 def test_a_bad_line_does_not_keep_the_arm_from_moving(fault):
-    rig = turning(faults=fault)
-    assert rig.session.phase == "moving"
-    assert speeds(rig, rig.now_s - 0.2) == pytest.approx(SPEED, rel=0.1)
-    assert (rig.session.metrics()["ignored"] > 0.0) == ("garbage" in fault)
-    assert (rig.session.metrics()["lost"] > 0.0) == ("skip" in fault)
+    bench = turning(faults=fault)
+    assert bench.session.phase == "moving"
+    assert speeds(bench, bench.now_s - 0.2) == pytest.approx(SPEED, rel=0.1)
+    assert (bench.session.metrics()["ignored"] > 0.0) == ("garbage" in fault)
+    assert (bench.session.metrics()["lost"] > 0.0) == ("skip" in fault)
 
 
 def test_the_program_is_understood_with_every_option():
@@ -305,84 +311,84 @@ EVENTS = {
 
 @pytest.mark.parametrize("event", EVENTS)
 def test_what_the_controller_stops_for(event):
-    rig = turning()
+    bench = turning()
     act, words = EVENTS[event]
-    act(rig.controller)
-    rig.run(1.0)
-    assert words in rig.states[-1].hold_reason
-    assert "enable again" in rig.states[-1].hold_reason
-    assert not rig.states[-1].ready
-    at = place(rig)
-    rig.run(1.0)
-    assert place(rig) == pytest.approx(at, abs=1e-9)
+    act(bench.controller)
+    bench.run(1.0)
+    assert words in bench.states[-1].hold_reason
+    assert "enable again" in bench.states[-1].hold_reason
+    assert not bench.states[-1].ready
+    at = place(bench)
+    bench.run(1.0)
+    assert place(bench) == pytest.approx(at, abs=1e-9)
 
 
 def test_after_a_protective_stop_nothing_moves_until_it_is_enabled_again():
-    rig = turning()
-    rig.controller.protective_stop("a person")
-    rig.run(6.0)
-    at, session = place(rig), rig.states[-1].session
-    assert rig.controller.unlock_protective_stop() == "Protective stop releasing"
-    rig.run(1.0)
-    assert rig.controller.safety is SafetyMode.NORMAL
-    assert "protective stop" in rig.states[-1].hold_reason
-    assert place(rig) == pytest.approx(at, abs=1e-9)
-    began = rig.now_s
-    rig.answer = lambda state: HoldCommand()
-    rig.session.ask("enable", rig.now_s)
-    rig.run(1.0)
-    assert rig.states[-1].ready
-    assert rig.states[-1].session > session
-    assert np.abs(speeds(rig, began)).max() < 1e-6
+    bench = turning()
+    bench.controller.protective_stop("a person")
+    bench.run(6.0)
+    at, session = place(bench), bench.states[-1].session
+    assert bench.controller.unlock_protective_stop() == "Protective stop releasing"
+    bench.run(1.0)
+    assert bench.controller.safety is SafetyMode.NORMAL
+    assert "protective stop" in bench.states[-1].hold_reason
+    assert place(bench) == pytest.approx(at, abs=1e-9)
+    began = bench.now_s
+    bench.answer = lambda state: HoldCommand()
+    bench.session.ask("enable", bench.now_s)
+    bench.run(1.0)
+    assert bench.states[-1].ready
+    assert bench.states[-1].session > session
+    assert np.abs(speeds(bench, began)).max() < 1e-6
 
 
 def test_the_driver_can_unlock_a_protective_stop_where_it_is_asked_to():
-    rig = turning()
-    rig.controller.protective_stop("a person")
-    rig.run(1.0)
-    rig.session.ask("unlock", rig.now_s)
-    rig.run(0.5)
-    assert rig.controller.safety is SafetyMode.PROTECTIVE_STOP
-    assert "until 5s after" in rig.session.end_reason
-    rig.run(5.0)
-    rig.session.ask("unlock", rig.now_s)
-    rig.run(0.5)
-    assert rig.controller.safety is SafetyMode.NORMAL
-    assert rig.states[-1].hold_reason == "motion is not enabled"
+    bench = turning()
+    bench.controller.protective_stop("a person")
+    bench.run(1.0)
+    bench.session.ask("unlock", bench.now_s)
+    bench.run(0.5)
+    assert bench.controller.safety is SafetyMode.PROTECTIVE_STOP
+    assert "until 5s after" in bench.session.end_reason
+    bench.run(5.0)
+    bench.session.ask("unlock", bench.now_s)
+    bench.run(0.5)
+    assert bench.controller.safety is SafetyMode.NORMAL
+    assert bench.states[-1].hold_reason == "motion is not enabled"
 
 
 def test_a_program_that_is_resumed_at_the_pendant_ends():
-    rig = turning()
-    rig.controller.pause()
-    rig.run(0.5)
-    at = place(rig)
-    rig.controller.resume()
-    rig.run(1.0)
-    assert not rig.controller.has_program
-    assert place(rig) == pytest.approx(at, abs=0.02)
-    assert not rig.states[-1].ready
+    bench = turning()
+    bench.controller.pause()
+    bench.run(0.5)
+    at = place(bench)
+    bench.controller.resume()
+    bench.run(1.0)
+    assert not bench.controller.has_program
+    assert place(bench) == pytest.approx(at, abs=0.02)
+    assert not bench.states[-1].ready
 
 
 def test_a_dead_computer_is_noticed_by_the_program():
-    rig = turning()
-    at, from_s = place(rig), rig.now_s
-    rig.alive = False
-    rig.run(1.0)
-    assert not rig.controller.has_program
-    far = place(rig) - at
+    bench = turning()
+    at, from_s = place(bench), bench.now_s
+    bench.alive = False
+    bench.run(1.0)
+    assert not bench.controller.has_program
+    far = place(bench) - at
     braking = SPEED**2 / (2.0 * STOP)
-    assert far == pytest.approx(SPEED * (rig.options.watchdog_s + 0.004) + braking, abs=0.004)
-    assert np.abs(speeds(rig, from_s)).max() <= SPEED * 1.01
-    assert np.abs(np.diff(speeds(rig, from_s))).max() / rig.controller.period_s <= STOP * 1.05
+    assert far == pytest.approx(SPEED * (bench.options.watchdog_s + 0.004) + braking, abs=0.004)
+    assert np.abs(speeds(bench, from_s)).max() <= SPEED * 1.01
+    assert np.abs(np.diff(speeds(bench, from_s))).max() / bench.controller.period_s <= STOP * 1.05
 
 
 def test_a_computer_that_comes_back_too_late_is_told():
-    rig = turning()
-    rig.stall(0.5)
-    at = place(rig)
-    rig.run(1.0)
-    assert "no command came in time" in rig.states[-1].hold_reason
-    assert place(rig) == pytest.approx(at, abs=1e-9)
+    bench = turning()
+    bench.stall(0.5)
+    at = place(bench)
+    bench.run(1.0)
+    assert "no command came in time" in bench.states[-1].hold_reason
+    assert place(bench) == pytest.approx(at, abs=1e-9)
 
 
 @pytest.mark.parametrize("gap_ms", [10, 20, 40, 80])
@@ -394,215 +400,215 @@ def test_time_that_was_lost_is_not_made_up_for(gap_ms):
         moved = SPEED * (state.stamp_s - began[0])
         return JointCommand((moved, *HOME[1:]), (SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
 
-    rig = Rig({"acceleration_rad_s2": (ACCELERATION,) * 6})
-    rig.ready()
-    rig.answer = follow
-    rig.run(0.6)
-    from_s = rig.now_s
-    rig.stall(1e-3 * gap_ms)
-    rig.run(0.6)
-    assert rig.session.phase == "moving"
-    after = speeds(rig, from_s)
+    bench = SessionBench({"acceleration_rad_s2": (ACCELERATION,) * 6})
+    bench.ready()
+    bench.answer = follow
+    bench.run(0.6)
+    from_s = bench.now_s
+    bench.stall(1e-3 * gap_ms)
+    bench.run(0.6)
+    assert bench.session.phase == "moving"
+    after = speeds(bench, from_s)
     assert after.max() <= SPEED * 1.05
     assert after.min() >= 0.0
-    assert np.abs(np.diff(after)).max() / rig.controller.period_s <= ACCELERATION * 1.05
+    assert np.abs(np.diff(after)).max() / bench.controller.period_s <= ACCELERATION * 1.05
 
 
 HOME = (0.0, -np.pi / 2, np.pi / 2, -np.pi / 2, -np.pi / 2, 0.0)
 
 
 def test_an_application_that_stops_during_a_gap_brakes():
-    rig = turning()
-    rig.stall(0.05)
-    rig.answer = lambda state: HoldCommand()
-    rig.run(0.5)
-    assert abs(speeds(rig)[-1]) < 1e-6
+    bench = turning()
+    bench.stall(0.05)
+    bench.answer = lambda state: HoldCommand()
+    bench.run(0.5)
+    assert abs(speeds(bench)[-1]) < 1e-6
 
 
 # -- sessions --------------------------------------------------------------------------------------
 
 
 def test_a_lost_connection_ends_motion_and_its_program():
-    rig = turning()
-    at = place(rig)
-    rig.unplug("rtde")
-    rig.run(3.0)
-    assert not rig.controller.has_program
-    assert place(rig) - at < SPEED * 0.13 + SPEED**2 / (2.0 * STOP) + 0.01
-    assert rig.states[-1].link is RobotLink.LIVE
-    assert "enable again" in rig.states[-1].hold_reason
-    began = rig.now_s
-    rig.session.ask("enable", rig.now_s)
-    rig.answer = lambda state: HoldCommand()
-    rig.run(1.0)
-    assert rig.states[-1].ready
-    assert np.abs(speeds(rig, began)).max() < 1e-6
+    bench = turning()
+    at = place(bench)
+    bench.unplug("rtde")
+    bench.run(3.0)
+    assert not bench.controller.has_program
+    assert place(bench) - at < SPEED * 0.13 + SPEED**2 / (2.0 * STOP) + 0.01
+    assert bench.states[-1].link is RobotLink.LIVE
+    assert "enable again" in bench.states[-1].hold_reason
+    began = bench.now_s
+    bench.session.ask("enable", bench.now_s)
+    bench.answer = lambda state: HoldCommand()
+    bench.run(1.0)
+    assert bench.states[-1].ready
+    assert np.abs(speeds(bench, began)).max() < 1e-6
 
 
 def test_a_program_of_an_earlier_connection_obeys_no_later_one():
-    rig = turning()
-    rig.unplug("rtde")
-    rig.run(0.001)
-    token = rig.controller.registers.output_int[24]
-    rig.run(0.6)
-    assert rig.controller.registers.input_int[24] == 0 != token
+    bench = turning()
+    bench.unplug("rtde")
+    bench.run(0.001)
+    token = bench.controller.registers.output_int[24]
+    bench.run(0.6)
+    assert bench.controller.registers.input_int[24] == 0 != token
 
 
 def test_a_command_that_was_meant_for_an_earlier_run_does_not_act():
-    rig = turning()
-    old = rig.controller.registers.input_int[24]
-    rig.controller.stop_program()
-    rig.run(0.5)
-    rig.answer = lambda state: HoldCommand()
-    rig.ready()
-    at = place(rig)
-    rig.alive = False
-    registers = rig.controller.registers
+    bench = turning()
+    old = bench.controller.registers.input_int[24]
+    bench.controller.stop_program()
+    bench.run(0.5)
+    bench.answer = lambda state: HoldCommand()
+    bench.ready()
+    at = place(bench)
+    bench.alive = False
+    registers = bench.controller.registers
     for beat in range(100):
         registers.input_int[24:27] = [old, 10_000 + beat, ProgramCommand.FOLLOW]
         registers.input_double[24:36] = [at + 0.001 * beat, *HOME[1:], 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
-        rig.run(0.002)
-    assert place(rig) == pytest.approx(at, abs=1e-6)
-    assert "no command" not in rig.states[-1].hold_reason
-    assert not rig.controller.has_program
+        bench.run(0.002)
+    assert place(bench) == pytest.approx(at, abs=1e-6)
+    assert "no command" not in bench.states[-1].hold_reason
+    assert not bench.controller.has_program
 
 
 def test_a_state_of_before_is_not_answered_after_a_new_start():
-    rig = turning()
-    rig.answer = lambda state: None
-    rig.run(0.01)
-    assert rig.session.reply_pending
-    rig.controller.stop_program()
-    rig.run(0.05)
-    before = rig.session.commands
-    rig.session.command(TURN, rig.now_s)
-    assert rig.session.commands == before
+    bench = turning()
+    bench.answer = lambda state: None
+    bench.run(0.01)
+    assert bench.session.reply_pending
+    bench.controller.stop_program()
+    bench.run(0.05)
+    before = bench.session.commands
+    bench.session.command(TURN, bench.now_s)
+    assert bench.session.commands == before
 
 
 def test_a_jump_in_the_registers_ends_the_program():
-    rig = turning()
-    registers = rig.controller.registers
-    rig.stall(0.001)  # what is underway arrives
-    rig.alive = False
+    bench = turning()
+    registers = bench.controller.registers
+    bench.stall(0.001)  # what is underway arrives
+    bench.alive = False
     token, beat = registers.input_int[24:26]
     registers.input_int[24:27] = [token, beat + 1, ProgramCommand.FOLLOW]
-    registers.input_double[24] = place(rig) + 0.5
-    rig.run(0.5)
-    assert not rig.controller.has_program
-    assert rig.controller.safety is SafetyMode.NORMAL
-    rig.alive = True
-    rig.run(0.2)
-    assert "too far from the one before" in rig.states[-1].hold_reason
+    registers.input_double[24] = place(bench) + 0.5
+    bench.run(0.5)
+    assert not bench.controller.has_program
+    assert bench.controller.safety is SafetyMode.NORMAL
+    bench.alive = True
+    bench.run(0.2)
+    assert "too far from the one before" in bench.states[-1].hold_reason
 
 
 def test_a_program_that_gets_no_first_command_ends():
-    rig = Rig(answer=lambda state: None)
-    rig.run(0.5)
-    rig.session.ask("enable", rig.now_s)
-    rig.run(0.5, until=lambda: rig.controller.registers.output_int[25] == 1)
-    rig.alive = False
-    rig.run(FIRST_WAIT_S + 0.3)
-    assert not rig.controller.has_program
+    bench = SessionBench(answer=lambda state: None)
+    bench.run(0.5)
+    bench.session.ask("enable", bench.now_s)
+    bench.run(0.5, until=lambda: bench.controller.registers.output_int[25] == 1)
+    bench.alive = False
+    bench.run(FIRST_WAIT_S + 0.3)
+    assert not bench.controller.has_program
 
 
 def test_a_program_that_answers_no_more_is_noticed():
-    rig = turning()
+    bench = turning()
     # Another client's program, which leaves the registers as they are.
-    rig.controller._program = None
-    rig.run(1.0)
-    assert rig.session.phase == "idle"
-    assert "does not answer" in rig.states[-1].hold_reason
+    bench.controller._program = None
+    bench.run(1.0)
+    assert bench.session.phase == "idle"
+    assert "does not answer" in bench.states[-1].hold_reason
 
 
 # -- the speed slider ------------------------------------------------------------------------------
 
 
 def test_the_slider_scales_the_highest_speeds():
-    rig = Rig(
+    bench = SessionBench(
         {"velocity_rad_s": (1.0,) * 6},
         lambda state: JointVelocityCommand((2.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
         faults={"slider": 0.25},
     ).ready()
-    rig.run(1.0)
-    assert speeds(rig)[-20:].mean() == pytest.approx(0.25, rel=0.01)
-    assert speeds(rig).max() < 0.26
-    assert "the speed slider is at 25 %" in rig.session.diagnosis(rig.now_s)[0]
+    bench.run(1.0)
+    assert speeds(bench)[-20:].mean() == pytest.approx(0.25, rel=0.01)
+    assert speeds(bench).max() < 0.26
+    assert "the speed slider is at 25 %" in bench.session.diagnosis(bench.now_s)[0]
 
 
 def test_a_slow_speed_is_followed_with_the_slider_down():
-    rig = turning(faults={"slider": 0.5})
-    assert speeds(rig)[-20:].mean() == pytest.approx(SPEED, rel=0.01)
+    bench = turning(faults={"slider": 0.5})
+    assert speeds(bench)[-20:].mean() == pytest.approx(SPEED, rel=0.01)
 
 
 def test_the_slider_at_zero():
-    rig = turning()
-    session = rig.states[-1].session
-    rig.controller.slider = 0.0
-    rig.run(0.5)
-    assert "the speed slider is at 0" in rig.states[-1].hold_reason
-    at = place(rig)
-    rig.controller.slider = 1.0
-    rig.answer = lambda state: HoldCommand()
-    rig.run(0.5)
-    assert rig.states[-1].ready
-    assert rig.states[-1].session == session + 1
-    assert place(rig) == pytest.approx(at, abs=1e-3)
+    bench = turning()
+    session = bench.states[-1].session
+    bench.controller.slider = 0.0
+    bench.run(0.5)
+    assert "the speed slider is at 0" in bench.states[-1].hold_reason
+    at = place(bench)
+    bench.controller.slider = 1.0
+    bench.answer = lambda state: HoldCommand()
+    bench.run(0.5)
+    assert bench.states[-1].ready
+    assert bench.states[-1].session == session + 1
+    assert place(bench) == pytest.approx(at, abs=1e-3)
 
 
 # -- the end ---------------------------------------------------------------------------------------
 
 
 def test_leaving_brakes_and_ends_the_program():
-    rig = turning()
-    from_s = rig.now_s
-    rig.session.leave(rig.now_s)
-    rig.run(1.0, until=lambda: rig.session.left)
-    assert rig.session.left
-    rig.run(0.2)
-    assert not rig.controller.has_program
-    assert np.abs(np.diff(speeds(rig, from_s))).max() / rig.controller.period_s <= 5.1
-    assert abs(speeds(rig)[-1]) < 1e-6
+    bench = turning()
+    from_s = bench.now_s
+    bench.session.leave(bench.now_s)
+    bench.run(1.0, until=lambda: bench.session.left)
+    assert bench.session.left
+    bench.run(0.2)
+    assert not bench.controller.has_program
+    assert np.abs(np.diff(speeds(bench, from_s))).max() / bench.controller.period_s <= 5.1
+    assert abs(speeds(bench)[-1]) < 1e-6
 
 
 def test_disabling_and_enabling_again():
-    rig = turning()
-    rig.session.ask("disable", rig.now_s)
-    rig.run(1.0)
-    assert rig.states[-1].hold_reason == "motion is not enabled"
-    rig.ready()
-    rig.run(0.5)
-    assert speeds(rig)[-10:] == pytest.approx(SPEED, rel=1e-3)
+    bench = turning()
+    bench.session.ask("disable", bench.now_s)
+    bench.run(1.0)
+    assert bench.states[-1].hold_reason == "motion is not enabled"
+    bench.ready()
+    bench.run(0.5)
+    assert speeds(bench)[-10:] == pytest.approx(SPEED, rel=1e-3)
 
 
 def test_a_start_that_is_left_moves_nothing():
-    rig = Rig(running=False).run(0.5)
-    rig.session.ask("enable", rig.now_s)
-    rig.run(0.05)
-    rig.session.leave(rig.now_s)
-    assert rig.session.left
-    rig.run(3.0)
-    assert not rig.controller.has_program
+    bench = SessionBench(running=False).run(0.5)
+    bench.session.ask("enable", bench.now_s)
+    bench.run(0.05)
+    bench.session.leave(bench.now_s)
+    assert bench.session.left
+    bench.run(3.0)
+    assert not bench.controller.has_program
 
 
 # -- silence and bad numbers -----------------------------------------------------------------------
 
 
 def test_a_silent_controller_is_lost():
-    rig = turning(faults={"silent": 2.0})
-    rig.run(2.0)
-    assert rig.states[-1].link is RobotLink.LOST
-    assert "no state from 127.0.0.1:30004 for 0.1 s" in rig.states[-1].hold_reason
-    late = [state.stamp_s for state in rig.states[-10:]]
+    bench = turning(faults={"silent": 2.0})
+    bench.run(2.0)
+    assert bench.states[-1].link is RobotLink.LOST
+    assert "no state from 127.0.0.1:30004 for 0.1 s" in bench.states[-1].hold_reason
+    late = [state.stamp_s for state in bench.states[-10:]]
     assert np.diff(late).max() < 0.1
 
 
 def test_numbers_that_no_robot_measures_are_no_state():
-    rig = turning()
-    rig.controller.motion.actual_q[0] = float("nan")
-    rig.run(0.5)
-    assert rig.session.protocol_errors()["implausible"] > 0
-    assert rig.states[-1].link is RobotLink.LOST
-    assert "actual_q" in " ".join(rig.session.diagnosis(rig.now_s))
+    bench = turning()
+    bench.controller.motion.actual_q[0] = float("nan")
+    bench.run(0.5)
+    assert bench.session.protocol_errors()["implausible"] > 0
+    assert bench.states[-1].link is RobotLink.LOST
+    assert "actual_q" in " ".join(bench.session.diagnosis(bench.now_s))
 
 
 @pytest.mark.parametrize(
@@ -625,21 +631,21 @@ def test_options_that_are_refused(options, words):
 
 @pytest.mark.parametrize("stop", ["protective_stop", "safeguard_stop"])
 def test_what_to_do_is_said_once(stop):
-    rig = turning()
-    getattr(rig.controller, stop)(*(["a person"] if stop == "protective_stop" else []))
-    rig.run(0.5)
-    assert rig.session.end_reason.count("enable again") == 1
+    bench = turning()
+    getattr(bench.controller, stop)(*(["a person"] if stop == "protective_stop" else []))
+    bench.run(0.5)
+    assert bench.session.end_reason.count("enable again") == 1
 
 
 def test_reduced_mode_is_said_and_stops_nothing():
-    rig = turning()
-    rig.controller.safety = SafetyMode.REDUCED
-    rig.run(0.2)
-    assert rig.states[-1].ready
-    assert any("reduced mode" in each for each in rig.session.diagnosis(rig.now_s))
-    rig.session.ask("disable", rig.now_s)
-    rig.run(1.0)
-    assert "reduced mode" in rig.states[-1].hold_reason
+    bench = turning()
+    bench.controller.safety = SafetyMode.REDUCED
+    bench.run(0.2)
+    assert bench.states[-1].ready
+    assert any("reduced mode" in each for each in bench.session.diagnosis(bench.now_s))
+    bench.session.ask("disable", bench.now_s)
+    bench.run(1.0)
+    assert "reduced mode" in bench.states[-1].hold_reason
 
 
 @pytest.mark.parametrize(
@@ -652,19 +658,19 @@ def test_reduced_mode_is_said_and_stops_nothing():
     ],
 )
 def test_an_arm_of_another_generation_is_said(robot, peer, words):
-    rig = Rig({"robot": robot, "rate_hz": 125.0}, robot=peer).run(0.5)
-    said = [each for each in rig.session.diagnosis(rig.now_s) if "set robot" in each]
+    bench = SessionBench({"robot": robot, "rate_hz": 125.0}, robot=peer).run(0.5)
+    said = [each for each in bench.session.diagnosis(bench.now_s) if "set robot" in each]
     assert [words in each for each in said] == [True] * bool(words)
 
 
 def test_an_arm_of_another_size_is_said_once_the_controller_has_told():
-    rig = Rig()
-    received = rig.session.received
-    rig.session.received = lambda channel, data, now_s: received(
+    bench = SessionBench()
+    received = bench.session.received
+    bench.session.received = lambda channel, data, now_s: received(
         channel, data.replace(b"UR5\n", b"UR10\n"), now_s
     )
-    rig.ready()
-    (said,) = rig.session.diagnosis(rig.now_s)
+    bench.ready()
+    (said,) = bench.session.diagnosis(bench.now_s)
     assert said.startswith("the controller's arm is a UR10, and is driven as ur5e")
 
 
@@ -710,45 +716,45 @@ def test_a_server_that_closes_without_a_word_is_said_to_be_another():
 
 
 def test_an_arm_that_is_off_its_target_for_good_ends_motion():
-    rig = turning()
-    value = rig.servers.telemetry.value
+    bench = turning()
+    value = bench.servers.telemetry.value
     off = {"rad": 0.3}
-    rig.servers.telemetry.value = lambda name: (
+    bench.servers.telemetry.value = lambda name: (
         tuple(q + off["rad"] for q in value(name)) if name == "actual_q" else value(name)
     )
-    rig.run(0.2)
-    assert rig.states[-1].ready
-    rig.run(0.2)
-    assert "0.3" in rig.states[-1].hold_reason
-    assert "from its target" in rig.states[-1].hold_reason
-    assert not rig.session.enabled
+    bench.run(0.2)
+    assert bench.states[-1].ready
+    bench.run(0.2)
+    assert "0.3" in bench.states[-1].hold_reason
+    assert "from its target" in bench.states[-1].hold_reason
+    assert not bench.session.enabled
 
 
 def test_a_wrong_clock_is_said_and_is_not_enabled_with():
-    rig = turning()
-    value = rig.servers.telemetry.value
-    began_s = rig.now_s
-    rig.servers.telemetry.value = lambda name: (
-        value(name) + (0.6 * (rig.now_s - began_s) if name == "timestamp" else 0.0)
+    bench = turning()
+    value = bench.servers.telemetry.value
+    began_s = bench.now_s
+    bench.servers.telemetry.value = lambda name: (
+        value(name) + (0.6 * (bench.now_s - began_s) if name == "timestamp" else 0.0)
         if name == "timestamp"
         else value(name)
     )
-    rig.run(1.2)
-    assert "1.6 times as fast" in rig.states[-1].hold_reason
-    assert rig.states[-1].hold_reason.count("enable again") == 1
-    rig.session.ask("enable", rig.now_s)
-    rig.run(1.0)
-    assert rig.session.phase == "idle"
+    bench.run(1.2)
+    assert "1.6 times as fast" in bench.states[-1].hold_reason
+    assert bench.states[-1].hold_reason.count("enable again") == 1
+    bench.session.ask("enable", bench.now_s)
+    bench.run(1.0)
+    assert bench.session.phase == "idle"
 
 
 @pytest.mark.parametrize("simulated", [False, True])
 def test_a_simulation_at_half_speed_moves_with_the_option_and_is_told_of_it_without(simulated):
-    rig = turning(driver={"simulated_time": simulated})
-    value = rig.servers.telemetry.value
-    began_s = rig.now_s
-    rig.servers.telemetry.value = lambda name: (
-        value(name) - 0.5 * (rig.now_s - began_s) if name == "timestamp" else value(name)
+    bench = turning(driver={"simulated_time": simulated})
+    value = bench.servers.telemetry.value
+    began_s = bench.now_s
+    bench.servers.telemetry.value = lambda name: (
+        value(name) - 0.5 * (bench.now_s - began_s) if name == "timestamp" else value(name)
     )
-    rig.run(2.0)
-    assert rig.states[-1].ready is simulated
-    assert ("simulated_time = true" in rig.states[-1].hold_reason) is not simulated
+    bench.run(2.0)
+    assert bench.states[-1].ready is simulated
+    assert ("simulated_time = true" in bench.states[-1].hold_reason) is not simulated

@@ -5,8 +5,7 @@ import math
 
 import pytest
 
-from tests.fault_pilots import SPEED_M_S
-from tests.fault_rig import (
+from tests.fault_benches import (
     BENCHES,
     CLOCKS,
     EgmBench,
@@ -16,6 +15,7 @@ from tests.fault_rig import (
     Ros2Bench,
     UrBench,
 )
+from tests.fault_pilots import SPEED_M_S
 from tests.fault_table import FAULTS, measured
 
 FASTEST = 1.05

@@ -19,7 +19,7 @@ from cardan.common.signals import ENDING_SIGNALS, signal_name
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import daemon_arm
 from cardan.gateway.daemon.control import Ask, encode_ask
-from tests.process_faults.rig import (
+from tests.process_faults.lab import (
     GOFA,
     GP8,
     PAIRS,

@@ -24,7 +24,7 @@ from tests.foreground import signals_act
 from tests.gateway.daemon.event_files import read_events
 from tests.kernel.conftest import FAULT_ROW
 from tests.process_faults.cases import BACK_S, GOFA, LATE_S, Case, Outcome, all_cases
-from tests.process_faults.rig import PAIRS, SPEED_M_S, Lab, Motion, wait
+from tests.process_faults.lab import PAIRS, SPEED_M_S, Lab, Motion, wait
 from tests.result_tables import PROCESS_FAULTS as RESULTS
 
 DEFAULT = Path("build/faults.json")

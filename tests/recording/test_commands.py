@@ -9,7 +9,7 @@ import pytest
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
-from tests.recording.rig import (
+from tests.recording.sessions import (
     STRING,
     Recorded,
     free_endpoint,

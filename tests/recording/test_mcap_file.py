@@ -28,7 +28,7 @@ from cardan.recording.mcap_file import (
     known_definition,
 )
 from tests.examples import examples
-from tests.recording.rig import NS
+from tests.recording.sessions import NS
 
 TYPES = [
     "sensor_msgs/msg/JointState",

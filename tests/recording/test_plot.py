@@ -9,7 +9,7 @@ import pytest
 from cardan.errors import CaptureError, DriverError, OptionError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.recording.plot import plot, read_series
-from tests.recording.rig import NODE, STRING
+from tests.recording.sessions import NODE, STRING
 from tests.recording.test_replay import topic, write
 
 POSE, WRENCH = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/WrenchStamped"

@@ -22,7 +22,7 @@ from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, Attachment
 from cardan.recording.mcap_file import RecordReader, RecordWriter
 from cardan.recording.recorder import QUEUE_MESSAGES, Recorder
 from cardan.recording.verify import verify
-from tests.recording.rig import (
+from tests.recording.sessions import (
     NODE,
     STRING,
     free_endpoint,

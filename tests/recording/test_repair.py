@@ -13,7 +13,7 @@ from rosbags.rosbag2.errors import ReaderError
 from cardan.errors import CaptureError
 from cardan.recording.mcap_file import RecordReader, RecordWriter
 from cardan.recording.repair import repair, repaired_name
-from tests.recording.rig import NS
+from tests.recording.sessions import NS
 from tests.recording.test_mcap_file import CHUNK, flipped, messages, records_of
 
 

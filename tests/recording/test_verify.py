@@ -16,7 +16,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from cardan.recording.verify import verify
 from cardan.types import DeviceLink, Inertia, RobotLink, Vector3
-from tests.recording.rig import NODE, NS, STRING, TABLES, Recorded
+from tests.recording.sessions import NODE, NS, STRING, TABLES, Recorded
 
 
 @pytest.fixture(scope="module")

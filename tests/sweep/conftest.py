@@ -25,7 +25,7 @@ def running(session):
     """A rosbridge server beside the session."""
     pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
     from cardan.bus.zenoh_network import BusNetwork
-    from tests.gateway.servers.rig import rosbridge
+    from tests.gateway.servers.bench import rosbridge
 
     options = BusOptions(router=session.endpoint, listen=())
     with BusNetwork(options, "rosbridge") as network, rosbridge(network) as found:
@@ -36,7 +36,7 @@ def running(session):
 def domain(session):
     """Of DDS, with the server between it and the session, in a process of its own."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
-    from tests.dds_rig import OPTIONS
+    from tests.dds_network import OPTIONS
 
     number = str(OPTIONS.number)
     server = ("net", "server", "dds", "--router", session.endpoint, "--dds-domain", number)

@@ -20,7 +20,7 @@ from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
 from cardan.protocols.ros2.zenoh import data_key  # noqa: E402
 from tests import network_table  # noqa: E402
-from tests.gateway.servers.rig import plain_client  # noqa: E402
+from tests.gateway.servers.bench import plain_client  # noqa: E402
 from tests.sweep.plan import NODE, RESULT, full_name  # noqa: E402
 from tests.waiting import until  # noqa: E402
 

@@ -14,7 +14,7 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip insta
 
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.robots import load_arm
-from tests.dds_rig import OPTIONS
+from tests.dds_network import OPTIONS
 from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port, served
 from tests.sweep.operators import (
     ARM,

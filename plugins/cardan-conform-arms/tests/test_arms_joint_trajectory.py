@@ -37,7 +37,7 @@ from cardan_conform_arms.joint_trajectory.scenario import FAR
 from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES
 from tests import conformance_tables as tables
 from tests.gateway.arm.arms import DT_S
-from tests.gateway.bus.rig import Bench
+from tests.gateway.bus.bench import Bench
 from tests.serving import ARM_SESSION, free_endpoint
 
 SUITE = registry.load("joint-trajectory")
@@ -63,7 +63,7 @@ class Call:
         """It is not answered."""
 
 
-class SessionRig:
+class SimulatedSession:
     """The server of a session with its arm, and a scenario in virtual time."""
 
     def __init__(self, exchange, bench, earlier=GOAL):
@@ -129,9 +129,9 @@ class SessionRig:
             self._do(self.exchange.heard(self.now_s, channel, data, note=note))
 
 
-def judged(bench, suite=SUITE, rig=SessionRig, **more):
+def judged(bench, suite=SUITE, simulation=SimulatedSession, **more):
     exchange = Exchange(suite.scenario(Level.MOVE, 0.5))
-    rig(exchange, bench, **more).run()
+    simulation(exchange, bench, **more).run()
     decoded = SUITE.decode(exchange.timeline)
     return {each.id[-3:]: each.check(decoded) for each in requires.all()}
 
@@ -161,7 +161,7 @@ FINGER = """
 <child link="finger"/><limit lower="0" upper="0.04" effort="1" velocity="1"/></joint></robot>"""
 
 
-class GripperRig(SessionRig):
+class SimulatedGripper(SimulatedSession):
     """The same, where a gripper's joint is described and published that another one moves."""
 
     def _hear(self, channel, given):
@@ -185,7 +185,7 @@ def test_of_an_arm_with_a_gripper_the_joints_are_judged_that_are_named(named):
     suite, bench = registry.load(SUITE.name), Bench()
     joints = bench.world.model.joint_names if named else ()
     suite.wires(",".join((*ALL, *joints)))
-    found = judged(bench, suite=suite, rig=GripperRig)
+    found = judged(bench, suite=suite, simulation=SimulatedGripper)
     if named:
         assert list(worse_than(VerdictOutcome.PASSED, found)) == ["212"]
     else:

@@ -21,7 +21,7 @@ from cardan.gateway.servers.pause_detector import StandStill
 from cardan_dds import server as server
 from cardan_dds.bridge import Bridge
 from cardan_dds.server import DdsBridgeOptions, DdsServerOptions
-from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
+from tests.dds_network import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.serving import free_endpoint
 from tests.waiting import until
 

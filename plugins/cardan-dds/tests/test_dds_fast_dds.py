@@ -14,7 +14,7 @@ from cardan.bus.network import Failure
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan_dds.network import DdsNetwork
-from tests.dds_rig import OPTIONS, STRING, TRIGGER, encoded, network
+from tests.dds_network import OPTIONS, STRING, TRIGGER, encoded, network
 from tests.fastdds import FastNode, user_data
 from tests.waiting import until
 

@@ -15,7 +15,7 @@ from cardan.protocols.ros2.zenoh import Qos
 from cardan_dds import cyclone
 from cardan_dds.cyclone import LOOPBACK, Participant
 from cardan_dds.wire import Announcement, Endpoint, NodeInfo, ServicePacket
-from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
+from tests.dds_network import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

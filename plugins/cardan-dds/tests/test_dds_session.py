@@ -17,7 +17,7 @@ from cardan.protocols.ros2.actions import GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan_dds.network import DdsNetwork
-from tests.dds_rig import SESSION_OPTIONS, TIMEOUT_S
+from tests.dds_network import SESSION_OPTIONS, TIMEOUT_S
 from tests.ros2_packages import write_packages
 from tests.serving import ARM_SESSION, free_endpoint, served
 from tests.waiting import done_again, until

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import completed
-from foxglove_rig import foxglove_client
+from foxglove_pair import foxglove_client
 from tests.sweep.plan import RESULT, command
 
 TIMEOUT_S = 20.0

@@ -24,10 +24,10 @@ from cardan.protocols.ros2.interfaces import full_text
 from cardan.protocols.ros2.messages import completed
 from cardan_foxglove import client as module
 from cardan_foxglove.server import FoxgloveServer
-from foxglove_rig import foxglove_client, foxglove_server
+from foxglove_pair import foxglove_client, foxglove_server
+from tests.gateway.servers.bench import WAIT_S
 from tests.gateway.servers.memory_network import TEST_NODE, MemoryNetwork
 from tests.gateway.servers.nodes import Parameters
-from tests.gateway.servers.rig import WAIT_S
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
-from foxglove_rig import foxglove_server
+from foxglove_pair import foxglove_server
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.test_attacks import (  # noqa: F401 - fixtures and tests
     UPGRADE,

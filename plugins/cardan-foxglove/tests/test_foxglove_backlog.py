@@ -8,7 +8,7 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
-from foxglove_rig import foxglove_client, foxglove_server
+from foxglove_pair import foxglove_client, foxglove_server
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.test_backlog import TWIST, stall
 from tests.waiting import until

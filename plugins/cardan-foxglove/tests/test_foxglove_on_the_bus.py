@@ -16,9 +16,9 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan_foxglove.server import Foxglove, FoxgloveOptions, FoxgloveServerOptions
-from foxglove_rig import foxglove_client
+from foxglove_pair import foxglove_client
+from tests.gateway.servers.bench import WAIT_S
 from tests.gateway.servers.nodes import Parameters
-from tests.gateway.servers.rig import WAIT_S
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

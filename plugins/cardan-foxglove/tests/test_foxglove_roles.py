@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
-from foxglove_rig import foxglove_client, foxglove_server
+from foxglove_pair import foxglove_client, foxglove_server
 from tests.gateway.servers import test_roles as shared
 from tests.gateway.servers.test_roles import COMMANDING, ROLES, STRING, speed
 

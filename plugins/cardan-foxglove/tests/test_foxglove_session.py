@@ -17,8 +17,8 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from foxglove_rig import foxglove_client
-from tests.gateway.servers.rig import WAIT_S
+from foxglove_pair import foxglove_client
+from tests.gateway.servers.bench import WAIT_S
 from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port
 
 pytestmark = pytest.mark.matrix

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
 from cardan.gateway.bus.arm_parameters import PARAMETERS
-from foxglove_rig import foxglove_client
+from foxglove_pair import foxglove_client
 from tests.serving import served
 from tests.sweep import conftest, test_sweep as shared
 from tests.sweep.plan import NODE

@@ -11,7 +11,7 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
-from foxglove_rig import foxglove_client, foxglove_server
+from foxglove_pair import foxglove_client, foxglove_server
 from tests.gateway.servers import test_two_clients as shared
 from tests.waiting import until
 

@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 
-import jr3_rig
+import jr3_bench
 from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice
 from cardan.gateway.session.config import parse_config
@@ -22,7 +22,7 @@ from cardan_jr3.driver import Jr3Options
 from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
 from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer.library import available
-from studies.haptics.loop import Rig
+from studies.haptics.loop import Bench
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_session import (  # noqa: F401
     ScriptedRobot,
@@ -30,7 +30,7 @@ from tests.gateway.force.test_session import (  # noqa: F401
     forces,
     session as fake_session,
 )
-from tests.plugin_rigs import PLUGINS as PLUGINS  # The Omni's tests can be imported then.
+from tests.plugin_benches import PLUGINS as PLUGINS  # The Omni's tests can be imported then.
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
@@ -51,22 +51,22 @@ class VirtualJr3(OperatorDevice):
 
     def __init__(self, options=None):
         super().__init__(options)
-        self.rig = jr3_rig.Rig(options)
+        self.bench = jr3_bench.Bench(options)
 
     def open(self):
-        self.rig.open()
+        self.bench.open()
 
     def close(self):
         pass
 
     def diagnosis(self):
-        return tuple(self.rig.core.diagnosis(self.rig.now_s))
+        return tuple(self.bench.core.diagnosis(self.bench.now_s))
 
     def button_events(self):
         return ()
 
     def state(self):
-        return self.rig.core.state(self.rig.now_s)
+        return self.bench.core.state(self.bench.now_s)
 
 
 class PenDown(ScriptedRobot):
@@ -100,10 +100,10 @@ def test_a_pen_that_is_pressed_down_pushes_the_hand_up(monkeypatch):
         }
     )
     s = make_session(config)
-    hand, jr3 = s.device, forces(s).measured.source.device.rig
+    hand, jr3 = s.device, forces(s).measured.source.device.bench
     presses = [3.0]
-    with Rig(TickLimits()) as omni:
-        hand.rig = omni
+    with Bench(TickLimits()) as omni:
+        hand.bench = omni
         omni.sim.hand((0.0, 0.0, 0.0))
 
         def script(k, now_s, place):

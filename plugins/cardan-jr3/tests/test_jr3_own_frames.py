@@ -8,7 +8,7 @@ import pytest
 from cardan_jr3.driver import Jr3, Jr3Options, bus
 from cardan_jr3.peer import SimulatedJr3
 from cardan_jr3.protocol import Opcode
-from jr3_rig import NODE_ID, SCALES
+from jr3_bench import NODE_ID, SCALES
 
 can = pytest.importorskip("can", reason='python-can is not installed: pip install "cardan[can]"')
 pytest.importorskip("msgpack", reason='msgpack is not installed: pip install "cardan[can]"')

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-import jr3_rig
+import jr3_bench
 from tests.test_device_faults import (
     Subject,
     cases,
@@ -22,28 +22,28 @@ class Jr3(Subject):
 
     def __init__(self):
         super().__init__()
-        self.rig = jr3_rig.Rig()
-        self.rig.live()
-        genuine = self.rig.core.on_frame
+        self.bench = jr3_bench.Bench()
+        self.bench.live()
+        genuine = self.bench.core.on_frame
 
         def on_frame(arbitration_id, data, now_s):
             data = self.passed(data, now_s)
             if data is not None:
                 genuine(arbitration_id, data, now_s)
 
-        self.rig.core.on_frame = on_frame
+        self.bench.core.on_frame = on_frame
 
     @property
     def acts(self):
         return super().acts or self.state.wrench is not None
 
     def deflect(self):
-        self.rig.board.set_wrench((8.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-        self.rig.run(0.5)
+        self.bench.board.set_wrench((8.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        self.bench.run(0.5)
 
     def let_go(self):
-        self.rig.board.set_wrench((0.0,) * 6)
-        self.rig.run(1.0)
+        self.bench.board.set_wrench((0.0,) * 6)
+        self.bench.run(1.0)
 
     def replug(self):
         self.core.on_opened(self.now_s)

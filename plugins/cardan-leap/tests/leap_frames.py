@@ -40,7 +40,7 @@ def hand(
     return Hand(identity, position_to_leap(position), normal, direction, **(known | fields))
 
 
-class Rig:
+class Bench:
     """A core with a service that sends a frame each period."""
 
     def __init__(self, **options: Any) -> None:
@@ -91,15 +91,15 @@ class Rig:
         return ["-+"[event.pressed] + event.button for event in self.core.events()]
 
 
-def engaged(clutch: str = "still", **options: Any) -> Rig:
-    """A rig whose hand of id 1 holds the clutch."""
-    rig = Rig(clutch=clutch, **options)
-    rig.frames(0.1)
-    rig.frames(0.2, hand())
+def engaged(clutch: str = "still", **options: Any) -> Bench:
+    """A bench whose hand of id 1 holds the clutch."""
+    bench = Bench(clutch=clutch, **options)
+    bench.frames(0.1)
+    bench.frames(0.2, hand())
     if clutch in ("still", "open"):
-        rig.frames(0.4, hand())
+        bench.frames(0.4, hand())
     else:
-        rig.frames(0.1, hand(**{f"{clutch}_strength": 1.0}))
-    assert "clutch" in rig.state.buttons
-    rig.edges()
-    return rig
+        bench.frames(0.1, hand(**{f"{clutch}_strength": 1.0}))
+    assert "clutch" in bench.state.buttons
+    bench.edges()
+    return bench

@@ -20,20 +20,20 @@ pytestmark = pytest.mark.matrix
 README = Path(__file__).parents[1] / "README.md"
 
 
-class Rig:
+class Bench:
     """A service with one hand in view, or none."""
 
     def __init__(self):
-        self.rig = leap_frames.engaged("grab")
-        self.core = self.rig.core
+        self.bench = leap_frames.engaged("grab")
+        self.core = self.bench.core
         self.grab = 1.0
 
     @property
     def now_s(self):
-        return self.rig.now_s
+        return self.bench.now_s
 
     def run(self, seconds):
-        self.rig.frames(seconds, leap_frames.hand(grab_strength=self.grab))
+        self.bench.frames(seconds, leap_frames.hand(grab_strength=self.grab))
 
 
 class Leap(Intercepted):
@@ -42,7 +42,7 @@ class Leap(Intercepted):
     step_s = leap_frames.PERIOD_S
 
     def make(self):
-        return Rig()
+        return Bench()
 
     def passed(self, report, now_s):
         if not self.fault:
@@ -55,12 +55,12 @@ class Leap(Intercepted):
         return None
 
     def deflect(self):
-        self.rig.grab = 1.0
-        self.rig.run(0.3)
+        self.bench.grab = 1.0
+        self.bench.run(0.3)
 
     def let_go(self):
-        self.rig.grab = 0.0
-        self.rig.run(0.3)
+        self.bench.grab = 0.0
+        self.bench.run(0.3)
 
     def replug(self):
         self.core.on_opened(self.now_s)

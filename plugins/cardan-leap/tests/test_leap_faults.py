@@ -33,81 +33,81 @@ def assert_neutral(state: DeviceState) -> None:
     assert state.axes == (0.0,) * 6
 
 
-def assert_re_arms_only_after_neutral(rig, clutch) -> None:
+def assert_re_arms_only_after_neutral(bench, clutch) -> None:
     """With the hand as it was nothing happens; after neutral the clutch works anew."""
     for _ in range(100):
-        assert "clutch" not in rig.frame(hand(**HELD[clutch])).buttons
-    assert rig.state.link is DeviceLink.NEEDS_NEUTRAL
+        assert "clutch" not in bench.frame(hand(**HELD[clutch])).buttons
+    assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
     rest = NEUTRAL[clutch]
-    rig.frame(*[] if rest is None else [hand(**rest)])
-    assert rig.state.link is DeviceLink.LIVE
-    rig.frames(0.7, hand(**HELD[clutch]))
-    assert "clutch" in rig.state.buttons
+    bench.frame(*[] if rest is None else [hand(**rest)])
+    assert bench.state.link is DeviceLink.LIVE
+    bench.frames(0.7, hand(**HELD[clutch]))
+    assert "clutch" in bench.state.buttons
 
 
 @pytest.mark.parametrize("clutch", CLUTCHES)
 class TestLinkFaults:
     def test_silence(self, clutch):
-        rig = engaged(clutch)
-        assert "clutch" in rig.wait(STALE_AFTER_S - 0.001).buttons
-        assert_neutral(rig.wait(0.002))
-        assert rig.state.link is DeviceLink.STALE
-        assert set(rig.edges()) >= {"-hand", "-clutch"}
-        assert_re_arms_only_after_neutral(rig, clutch)
-        assert rig.core.metrics(rig.now_s)["silences"] == 1
+        bench = engaged(clutch)
+        assert "clutch" in bench.wait(STALE_AFTER_S - 0.001).buttons
+        assert_neutral(bench.wait(0.002))
+        assert bench.state.link is DeviceLink.STALE
+        assert set(bench.edges()) >= {"-hand", "-clutch"}
+        assert_re_arms_only_after_neutral(bench, clutch)
+        assert bench.core.metrics(bench.now_s)["silences"] == 1
 
     def test_garbage(self, clutch):
-        rig = engaged(clutch)
-        assert_neutral(rig.garbage(0.1))
-        assert_re_arms_only_after_neutral(rig, clutch)
+        bench = engaged(clutch)
+        assert_neutral(bench.garbage(0.1))
+        assert_re_arms_only_after_neutral(bench, clutch)
 
     def test_frames_that_do_not_get_newer(self, clutch):
-        rig = engaged(clutch)
+        bench = engaged(clutch)
         for _ in range(12):
-            rig.frame(hand(**HELD[clutch]), frame_id=7)
-        assert_neutral(rig.state)
-        assert_re_arms_only_after_neutral(rig, clutch)
+            bench.frame(hand(**HELD[clutch]), frame_id=7)
+        assert_neutral(bench.state)
+        assert_re_arms_only_after_neutral(bench, clutch)
 
     def test_a_count_that_begins_anew(self, clutch):
-        rig = engaged(clutch)
-        rig.frame_id = 0
+        bench = engaged(clutch)
+        bench.frame_id = 0
         for _ in range(11):
-            rig.frame(hand(**HELD[clutch]))
-        assert_neutral(rig.state)
-        assert_re_arms_only_after_neutral(rig, clutch)
+            bench.frame(hand(**HELD[clutch]))
+        assert_neutral(bench.state)
+        assert_re_arms_only_after_neutral(bench, clutch)
 
     def test_the_connection_is_lost(self, clutch):
-        rig = engaged(clutch)
-        rig.core.on_lost("gone", rig.now_s)
-        assert_neutral(rig.state)
-        assert (rig.state.link, rig.state.reason) == (DeviceLink.LOST, "gone")
-        rig.frame(hand(**HELD[clutch]))
-        assert rig.state.link is DeviceLink.LOST
-        rig.core.on_opened(rig.now_s)
-        rig.tell(PLUGGED)
-        rig.frame_id = 0
-        assert_re_arms_only_after_neutral(rig, clutch)
+        bench = engaged(clutch)
+        bench.core.on_lost("gone", bench.now_s)
+        assert_neutral(bench.state)
+        assert (bench.state.link, bench.state.reason) == (DeviceLink.LOST, "gone")
+        bench.frame(hand(**HELD[clutch]))
+        assert bench.state.link is DeviceLink.LOST
+        bench.core.on_opened(bench.now_s)
+        bench.tell(PLUGGED)
+        bench.frame_id = 0
+        assert_re_arms_only_after_neutral(bench, clutch)
 
     @pytest.mark.parametrize(
         ("attached", "link", "words"),
         [(True, DeviceLink.STALE, "does not deliver"), (False, DeviceLink.LOST, "unplugged")],
     )
     def test_the_tracker(self, clutch, attached, link, words):
-        rig = engaged(clutch)
-        rig.tell(DeviceEvent("LP1", "peripheral", attached, streaming=False))
-        assert_neutral(rig.state)
-        assert rig.state.link is link
-        assert words in rig.state.reason
+        bench = engaged(clutch)
+        bench.tell(DeviceEvent("LP1", "peripheral", attached, streaming=False))
+        assert_neutral(bench.state)
+        assert bench.state.link is link
+        assert words in bench.state.reason
         # Some services go on with empty frames.
-        assert rig.frames(0.3).link is link
-        rig.tell(PLUGGED)
-        assert_neutral(rig.state)
-        assert_re_arms_only_after_neutral(rig, clutch)
+        assert bench.frames(0.3).link is link
+        bench.tell(PLUGGED)
+        assert_neutral(bench.state)
+        assert_re_arms_only_after_neutral(bench, clutch)
 
     def test_another_tracker_keeps_it_alive(self, clutch):
-        rig = engaged(clutch)
-        rig.tell(DeviceEvent("LP2", "laptop", attached=False, streaming=False))
-        assert "clutch" in rig.frame(hand(**HELD[clutch])).buttons
+        bench = engaged(clutch)
+        bench.tell(DeviceEvent("LP2", "laptop", attached=False, streaming=False))
+        assert "clutch" in bench.frame(hand(**HELD[clutch])).buttons
 
 
 @pytest.mark.parametrize("clutch", CLUTCHES)
@@ -122,15 +122,15 @@ class TestLinkFaults:
     ],
 )
 def test_a_hand_that_is_not_measured_is_lost(clutch, bad, unreadable):
-    rig = engaged(clutch)
+    bench = engaged(clutch)
     for _ in range(30):
         hands = [] if bad is None else [hand(**{**HELD[clutch], **bad})]
-        state = rig.frame(*hands, unreadable=unreadable)
+        state = bench.frame(*hands, unreadable=unreadable)
         if "clutch" not in state.buttons:
             break
     assert state.link is DeviceLink.LIVE
     assert "clutch" not in state.buttons
-    assert rig.core.metrics(rig.now_s)["hands_lost"] == 1
+    assert bench.core.metrics(bench.now_s)["hands_lost"] == 1
     # No frame at all after the last measurement: the same.
     again = engaged(clutch)
     again.frame(unreadable=1)
@@ -140,21 +140,21 @@ def test_a_hand_that_is_not_measured_is_lost(clutch, bad, unreadable):
 
 
 def test_a_burst_of_old_frames_neither_engages_nor_re_arms():
-    rig = engaged("still")
-    rig.wait(0.5)
-    assert_neutral(rig.state)
+    bench = engaged("still")
+    bench.wait(0.5)
+    assert_neutral(bench.state)
     for _ in range(55):  # all that queued up, at one moment, the last without a hand
-        rig.frame(hand())
-        rig.now_s -= PERIOD_S
-    rig.frame()
-    assert_neutral(rig.state)
-    rig.frames(0.3, hand())
-    assert "clutch" not in rig.state.buttons
-    assert rig.frame().link is DeviceLink.LIVE
+        bench.frame(hand())
+        bench.now_s -= PERIOD_S
+    bench.frame()
+    assert_neutral(bench.state)
+    bench.frames(0.3, hand())
+    assert "clutch" not in bench.state.buttons
+    assert bench.frame().link is DeviceLink.LIVE
     for _ in range(55):
-        rig.frame(hand(2))
-        rig.now_s -= PERIOD_S
-    assert rig.state.buttons == {"hand"}
+        bench.frame(hand(2))
+        bench.now_s -= PERIOD_S
+    assert bench.state.buttons == {"hand"}
 
 
 def drive(script: str, seconds: float, faults=None, clutch="still"):

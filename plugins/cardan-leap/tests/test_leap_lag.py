@@ -78,12 +78,12 @@ def test_another_clock_shows_by_stamps_that_go_back():
 # -- what the core makes of it --------------------------------------------------------------------
 
 
-def tell(rig, *hands, late_s=0.0):
+def tell(bench, *hands, late_s=0.0):
     """A frame a period later that was made `late_s` ago."""
-    rig.now_s += PERIOD_S
-    rig.frame_id += 1
-    rig.tell(TrackingFrame(rig.frame_id, round(1e6 * (rig.now_s - late_s)), 110.0, hands))
-    return rig.state
+    bench.now_s += PERIOD_S
+    bench.frame_id += 1
+    bench.tell(TrackingFrame(bench.frame_id, round(1e6 * (bench.now_s - late_s)), 110.0, hands))
+    return bench.state
 
 
 def rest_of(clutch):
@@ -94,102 +94,108 @@ def rest_of(clutch):
 @pytest.mark.parametrize("posture", ["held", "rest"])
 def test_a_delay_that_grows_ends_in_stale(clutch, posture):
     """As over a network that carries four fifths of it: every frame comes, in order."""
-    rig = engaged(clutch)
+    bench = engaged(clutch)
     hands = [hand(**HELD[clutch])]
     for step in range(1, 200):
         late_s = 0.2 * step * PERIOD_S
-        state = tell(rig, *(hands if late_s < 0.1 else hands * (posture == "held")), late_s=late_s)
+        state = tell(
+            bench, *(hands if late_s < 0.1 else hands * (posture == "held")), late_s=late_s
+        )
         if state.link is DeviceLink.LIVE:
-            assert rig.now_s - state.stamp_s == pytest.approx(late_s, abs=0.002)
+            assert bench.now_s - state.stamp_s == pytest.approx(late_s, abs=0.002)
         if late_s > 0.1:
             assert state.link is DeviceLink.STALE
             assert "late" in state.reason
             assert (state.pose, state.buttons) == (None, frozenset())
-    assert rig.core.metrics(rig.now_s)["frame_lag_s"] == pytest.approx(0.2 * 199 * PERIOD_S, 0.02)
-    assert any("frames that came more than 0.09 s late" in w for w in rig.core.diagnosis(rig.now_s))
+    assert bench.core.metrics(bench.now_s)["frame_lag_s"] == pytest.approx(
+        0.2 * 199 * PERIOD_S, 0.02
+    )
+    assert any(
+        "frames that came more than 0.09 s late" in w for w in bench.core.diagnosis(bench.now_s)
+    )
 
 
 @pytest.mark.parametrize("clutch", HELD)
 def test_late_frames_are_no_neutral(clutch):
-    rig = engaged(clutch)
-    rig.wait(2.0)
+    bench = engaged(clutch)
+    bench.wait(2.0)
     # Two seconds have queued up; the hand came to rest in them and took hold again.
     for step in range(220):
         hands = rest_of(clutch) if 50 < step < 150 else [hand(**HELD[clutch])]
         late_s = 2.0 - step * PERIOD_S
-        rig.now_s -= 0.99 * PERIOD_S
-        state = tell(rig, *hands, late_s=late_s)
+        bench.now_s -= 0.99 * PERIOD_S
+        state = tell(bench, *hands, late_s=late_s)
         assert state.link is not DeviceLink.LIVE
         assert state.link is DeviceLink.STALE or late_s <= 0.12
     for _ in range(50):
-        assert tell(rig, hand(**HELD[clutch])).link is DeviceLink.NEEDS_NEUTRAL
-    assert tell(rig, *rest_of(clutch)).link is DeviceLink.LIVE
+        assert tell(bench, hand(**HELD[clutch])).link is DeviceLink.NEEDS_NEUTRAL
+    assert tell(bench, *rest_of(clutch)).link is DeviceLink.LIVE
 
 
 def test_delay_and_silence_add_up():
-    rig = engaged()
-    assert tell(rig, hand(), late_s=0.08).link is DeviceLink.LIVE
-    assert rig.wait(0.005).link is DeviceLink.LIVE
-    assert rig.wait(0.010).link is DeviceLink.STALE
+    bench = engaged()
+    assert tell(bench, hand(), late_s=0.08).link is DeviceLink.LIVE
+    assert bench.wait(0.005).link is DeviceLink.LIVE
+    assert bench.wait(0.010).link is DeviceLink.STALE
 
 
 def test_a_delay_that_lasts_takes_a_new_connection():
-    rig = engaged()
-    rig.wait(0.5)
+    bench = engaged()
+    bench.wait(0.5)
     for _ in range(round(2.9 / PERIOD_S)):
-        tell(rig, late_s=0.5)
-        assert rig.core.failure(rig.now_s) == ""
+        tell(bench, late_s=0.5)
+        assert bench.core.failure(bench.now_s) == ""
     for _ in range(30):
-        tell(rig, late_s=0.5)
-    assert "have come late for 3 s, now by 0.5 s" in rig.core.failure(rig.now_s)
-    rig.core.on_lost("late", rig.now_s)
-    rig.core.on_opened(rig.now_s)
-    rig.tell(PLUGGED)
-    assert rig.core.failure(rig.now_s) == ""
+        tell(bench, late_s=0.5)
+    assert "have come late for 3 s, now by 0.5 s" in bench.core.failure(bench.now_s)
+    bench.core.on_lost("late", bench.now_s)
+    bench.core.on_opened(bench.now_s)
+    bench.tell(PLUGGED)
+    assert bench.core.failure(bench.now_s) == ""
     # It has not helped: not believed either.
-    assert tell(rig, late_s=0.5).link is DeviceLink.STALE
+    assert tell(bench, late_s=0.5).link is DeviceLink.STALE
     # It has.
-    assert tell(rig).link is DeviceLink.NEEDS_NEUTRAL
-    rig.now_s += 0.02
-    assert tell(rig).link is DeviceLink.LIVE
+    assert tell(bench).link is DeviceLink.NEEDS_NEUTRAL
+    bench.now_s += 0.02
+    assert tell(bench).link is DeviceLink.LIVE
 
 
 def test_a_service_that_restarts_has_another_clock():
-    rig = engaged()
-    rig.core.on_lost("gone", rig.now_s)
-    rig.core.on_opened(rig.now_s)
-    rig.tell(PLUGGED)
-    assert tell(rig, late_s=50.0).link is DeviceLink.LIVE
-    assert tell(rig, late_s=50.0).link is DeviceLink.LIVE
+    bench = engaged()
+    bench.core.on_lost("gone", bench.now_s)
+    bench.core.on_opened(bench.now_s)
+    bench.tell(PLUGGED)
+    assert tell(bench, late_s=50.0).link is DeviceLink.LIVE
+    assert tell(bench, late_s=50.0).link is DeviceLink.LIVE
 
 
 def test_a_clock_that_is_set_back_needs_neutral():
-    rig = engaged("grab")
+    bench = engaged("grab")
     grabbing = hand(**HELD["grab"])
-    state = tell(rig, grabbing, late_s=50.0)
+    state = tell(bench, grabbing, late_s=50.0)
     assert state.link is DeviceLink.NEEDS_NEUTRAL
     for _ in range(20):
-        assert tell(rig, grabbing, late_s=50.0).link is DeviceLink.NEEDS_NEUTRAL
-    assert tell(rig, hand(), late_s=50.0).link is DeviceLink.LIVE
-    assert any("clock was set back" in words for words in rig.core.diagnosis(rig.now_s))
+        assert tell(bench, grabbing, late_s=50.0).link is DeviceLink.NEEDS_NEUTRAL
+    assert tell(bench, hand(), late_s=50.0).link is DeviceLink.LIVE
+    assert any("clock was set back" in words for words in bench.core.diagnosis(bench.now_s))
 
 
 def test_a_stamp_of_nonsense_is_no_lasting_harm():
-    rig = engaged()
-    tell(rig, hand(), late_s=-1e20)
-    assert tell(rig, hand()).link is DeviceLink.NEEDS_NEUTRAL
-    rig.now_s += 0.02
-    assert tell(rig).link is DeviceLink.LIVE
+    bench = engaged()
+    tell(bench, hand(), late_s=-1e20)
+    assert tell(bench, hand()).link is DeviceLink.NEEDS_NEUTRAL
+    bench.now_s += 0.02
+    assert tell(bench).link is DeviceLink.LIVE
 
 
 def test_frames_without_a_stamp_are_no_sign_of_life():
-    rig = engaged()
+    bench = engaged()
     for _ in range(12):
-        rig.now_s += PERIOD_S
-        rig.frame_id += 1
-        rig.tell(TrackingFrame(rig.frame_id, None, 110.0, (hand(),)))
-    assert rig.state.link is DeviceLink.STALE
-    assert rig.core.metrics(rig.now_s)["undated"] == 12
+        bench.now_s += PERIOD_S
+        bench.frame_id += 1
+        bench.tell(TrackingFrame(bench.frame_id, None, 110.0, (hand(),)))
+    assert bench.state.link is DeviceLink.STALE
+    assert bench.core.metrics(bench.now_s)["undated"] == 12
 
 
 # -- all that has come ----------------------------------------------------------------------------

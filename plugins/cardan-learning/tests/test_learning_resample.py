@@ -12,7 +12,7 @@ from cardan.robots import load_arm
 from cardan.spatial import from_rotation_vector, multiply
 from cardan.types import Vector3
 from cardan_learning.resample import read_frames
-from tests.recording.rig import NODE, NS, STRING
+from tests.recording.sessions import NODE, NS, STRING
 from tests.recording.test_replay import topic, write
 
 JOINT_STATE, POSE = "sensor_msgs/msg/JointState", "geometry_msgs/msg/PoseStamped"

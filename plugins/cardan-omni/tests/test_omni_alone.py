@@ -20,7 +20,7 @@ from cardan.types import Vector3
 from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer.library import available
 from tests.gateway.force.fakes import FakeHaptic
-from tests.gateway.session.test_haptic_session import MAX_AGE_S, Rig
+from tests.gateway.session.test_haptic_session import MAX_AGE_S, Bench
 from tests.serving import free_endpoint
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "ros2"
@@ -34,7 +34,7 @@ def test_the_example_is_of_this_device():
 @pytest.mark.matrix
 def test_the_devices_own_limits_hold_of_what_a_program_asks(monkeypatch):
     """5 N at once, then 5 N the other way, then silence, on the simulated Omni and its tick."""
-    from studies.haptics.loop import Rig as OmniRig
+    from studies.haptics.loop import Bench as OmniBench
 
     limits = TickLimits()
 
@@ -48,21 +48,21 @@ def test_the_devices_own_limits_hold_of_what_a_program_asks(monkeypatch):
         def enable(self):
             omni.tick.enable()
 
-    with OmniRig(limits) as omni:
-        rig = Rig(Omni())
+    with OmniBench(limits) as omni:
+        bench = Bench(Omni())
         omni.run(0.1, None)
-        rig.now_s = omni.now_s
-        clock = SimpleNamespace(monotonic=lambda: rig.now_s)
+        bench.now_s = omni.now_s
+        clock = SimpleNamespace(monotonic=lambda: bench.now_s)
         monkeypatch.setattr("cardan.drivers.ihaptic.time", clock)
 
         def publish(seconds, asked):
             for _ in range(round(seconds / PERIOD_S)):
-                rig.run(PERIOD_S, asked)
-                omni.run(rig.now_s - omni.now_s, None)
+                bench.run(PERIOD_S, asked)
+                omni.run(bench.now_s - omni.now_s, None)
 
         publish(1.5, Vector3(5.0, 0.0, 0.0))
         publish(0.3, Vector3(-5.0, 0.0, 0.0))
-        begun_s = rig.now_s
+        begun_s = bench.now_s
         publish(0.3, None)
         trace = omni.trace
         sent = np.linalg.norm(trace.sent_n, axis=1)

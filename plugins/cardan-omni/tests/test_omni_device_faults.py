@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-import omni_rig
+import omni_bench
 from cardan.types import Vector3
 from tests.test_device_faults import (
     Intercepted,
@@ -25,10 +25,10 @@ class Omni(Intercepted):
 
     name = "Omni and Touch"
     method = "on_snapshot"
-    step_s = omni_rig.LOOK_S
+    step_s = omni_bench.LOOK_S
 
     def make(self):
-        return omni_rig.Rig().live()
+        return omni_bench.Bench().live()
 
     def shortened(self, report):
         return report._replace(pose=None)
@@ -38,17 +38,17 @@ class Omni(Intercepted):
         return report._replace(pose=report.pose._replace(position=position))
 
     def deflect(self):
-        self.rig.position = (0.03, 0.0, 0.05)
-        self.rig.buttons = 1
-        self.rig.run(0.1)
+        self.bench.position = (0.03, 0.0, 0.05)
+        self.bench.buttons = 1
+        self.bench.run(0.1)
 
     def let_go(self):
-        self.rig.position = (0.0, 0.0, 0.0)
-        self.rig.buttons = 0
-        self.rig.run(0.1)
+        self.bench.position = (0.0, 0.0, 0.0)
+        self.bench.buttons = 0
+        self.bench.run(0.1)
 
     def replug(self):
-        self.core.on_opened(omni_rig.TOUCH, self.now_s)
+        self.core.on_opened(omni_bench.TOUCH, self.now_s)
 
 
 @pytest.mark.parametrize(("kind", "fault"), cases([Omni]))

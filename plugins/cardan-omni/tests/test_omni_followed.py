@@ -18,7 +18,7 @@ from cardan.types import ZERO3, Vector3
 from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer import OmniSettings
 from omni_virtual import LibHD, needs_library
-from studies.haptics.loop import Rig
+from studies.haptics.loop import Bench
 from test_omni_session import TABLE, VirtualOmni
 
 pytestmark = [needs_library, pytest.mark.matrix]
@@ -47,22 +47,22 @@ def follow(monkeypatch: pytest.MonkeyPatch, noise_lsb: float, turn_rad: float) -
     s = make_session(parse_config({**TABLE, "mapping": mapping}))
     states = s.robot.cycles
     hands, tcps, presses = [], [], [PRESSED_S]
-    with Rig(TickLimits(), OmniSettings(gimbal_noise_lsb=noise_lsb)) as rig:
-        s.device.rig = rig
+    with Bench(TickLimits(), OmniSettings(gimbal_noise_lsb=noise_lsb)) as bench:
+        s.device.bench = bench
 
         def cycles():
             for state in states():
                 now_s = state.stamp_s
                 turned = turn_rad * np.clip((now_s - 1.2) / 0.5, 0.0, 1.0)
-                rig.sim.hand(ZERO3, (0.0, 0.0, float(turned)))
-                if now_s > rig.now_s:
-                    rig.run(now_s - rig.now_s, None)
+                bench.sim.hand(ZERO3, (0.0, 0.0, float(turned)))
+                if now_s > bench.now_s:
+                    bench.run(now_s - bench.now_s, None)
                 s.device.now_s = now_s
                 if presses and now_s >= presses[0]:
                     presses.pop()
                     s.device.press("button_2")
                 if now_s >= PRESSED_S + 0.1 and s.controller.reference.pose is not None:
-                    hands.append(rig.tick.snapshot().pose)
+                    hands.append(bench.tick.snapshot().pose)
                     tcps.append(s.controller.reference.pose)
                 if now_s >= SECONDS:
                     s.stop("enough")
@@ -119,19 +119,21 @@ def test_a_turn_of_a_noisy_gimbal_is_followed(monkeypatch):
 )
 def test_no_release_of_the_tick_is_an_impulse_to_the_device(limits: TickLimits, end: str) -> None:
     stiff = OmniSettings(hand_stiffness_n_m=3000.0, hand_damping_n_s_m=40.0)
-    with Rig(limits, stiff) as rig:
+    with Bench(limits, stiff) as bench:
 
         def push(force_n):
             def each(now_s):
-                rig.tick.command(HapticCommand(rig.sim.truth().ticks, now_s, True, force=force_n))
+                bench.tick.command(
+                    HapticCommand(bench.sim.truth().ticks, now_s, True, force=force_n)
+                )
 
             return each
 
-        rig.tick.enable()
-        rig.run(0.1, push(ZERO3))
-        rig.run(0.5, push(Vector3(0.0, limits.clamp_n, 0.0)))
-        assert rig.sim.truth().delivered_n.y > 0.9 * limits.clamp_n
-        getattr(rig.tick, end)()
-        rig.run(0.02, None)
-        assert rig.sim.truth().delivered_n == ZERO3
+        bench.tick.enable()
+        bench.run(0.1, push(ZERO3))
+        bench.run(0.5, push(Vector3(0.0, limits.clamp_n, 0.0)))
+        assert bench.sim.truth().delivered_n.y > 0.9 * limits.clamp_n
+        getattr(bench.tick, end)()
+        bench.run(0.02, None)
+        assert bench.sim.truth().delivered_n == ZERO3
         assert LibHD().errors() == []

@@ -14,7 +14,7 @@ from cardan.gateway.session.session import make_session
 from cardan.types import DeviceLink, DeviceState
 from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer.library import available
-from studies.haptics.loop import Rig
+from studies.haptics.loop import Bench
 from tests.gateway.force.fakes import REST, FakeHaptic
 
 pytestmark = [
@@ -56,28 +56,28 @@ TABLE = {
 
 
 class VirtualOmni(FakeHaptic):
-    """The simulated Omni and its tick, in the time of the rig."""
+    """The simulated Omni and its tick, in the time of the bench."""
 
-    rig: Rig
+    bench: Bench
 
     def state(self):
-        snapshot = self.rig.tick.snapshot()
+        snapshot = self.bench.tick.snapshot()
         return DeviceState(snapshot.stamp_s, DeviceLink.LIVE, REST, frozenset(), snapshot.pose)
 
     def render(self, command):
-        self.rig.tick.command(command)
+        self.bench.tick.command(command)
 
     def haptics(self):
-        return self.rig.tick.snapshot()
+        return self.bench.tick.snapshot()
 
     def enable(self):
-        self.rig.tick.enable()
+        self.bench.tick.enable()
 
     def disable(self):
-        self.rig.tick.disable()
+        self.bench.tick.disable()
 
 
-def run(monkeypatch, each=lambda now_s, rig: None, until_s=SECONDS, **tables):
+def run(monkeypatch, each=lambda now_s, bench: None, until_s=SECONDS, **tables):
     """Clutch in, push the TCP 80 mm towards the robot within 1.2 s, stay, come back, clutch out.
 
     `each` is called in each cycle.
@@ -86,20 +86,20 @@ def run(monkeypatch, each=lambda now_s, rig: None, until_s=SECONDS, **tables):
     s = make_session(parse_config({**TABLE, **tables}))
     states = s.robot.cycles
     places, presses = [], [PRESSED_S, OUT_S]
-    with Rig(LIMITS) as rig:
+    with Bench(LIMITS) as bench:
         device = s.device
-        device.rig = rig
-        rig.sim.hand((BACK_M, 0.0, 0.0))
+        device.bench = bench
+        bench.sim.hand((BACK_M, 0.0, 0.0))
 
         def cycles():
             for state in states():
                 now_s = state.stamp_s
                 on_way = np.clip(min(now_s - 1.6, 4.8 - now_s) / 1.2, 0.0, 1.0)
-                rig.sim.hand((BACK_M + STROKE_M * on_way, 0.0, 0.0))
-                if now_s > rig.now_s:
-                    rig.run(now_s - rig.now_s, None)
+                bench.sim.hand((BACK_M + STROKE_M * on_way, 0.0, 0.0))
+                if now_s > bench.now_s:
+                    bench.run(now_s - bench.now_s, None)
                 device.now_s = now_s
-                each(now_s, rig)
+                each(now_s, bench)
                 if presses and now_s >= presses[0]:
                     presses.pop(0)
                     device.press("button_2")
@@ -111,7 +111,7 @@ def run(monkeypatch, each=lambda now_s, rig: None, until_s=SECONDS, **tables):
 
         s.robot.cycles = cycles
         last = s.run()
-        return last, rig.trace, places
+        return last, bench.trace, places
 
 
 @pytest.mark.parametrize(
@@ -193,10 +193,10 @@ def test_the_arm_does_not_follow_a_hand_that_falls_in(monkeypatch, fault, value,
     """The hand pushes towards 80 mm beyond the TCP, and is held up by the contact."""
     at = {}
 
-    def each(now_s, rig):
+    def each(now_s, bench):
         if now_s >= 3.0 and "n" not in at:
-            at["n"] = len(rig.trace.times_s)
-            rig.sim.fault(fault, value)
+            at["n"] = len(bench.trace.times_s)
+            bench.sim.fault(fault, value)
 
     last, trace, places = run(monkeypatch, each, until_s=3.7, **CONTACT)
     sent = np.linalg.norm(trace.sent_n, axis=1)

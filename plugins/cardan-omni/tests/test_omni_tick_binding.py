@@ -16,7 +16,7 @@ from cardan_omni.driver.limits import TickLimits
 from cardan_omni.driver.native import NativeMissingError, available, library_path
 from cardan_omni.driver.tick import Tick
 from cardan_omni.driver.values import haptic_state, tick_details
-from omni_tick_rig import (
+from omni_tick_bench import (
     ROOM,
 )
 

@@ -17,14 +17,14 @@ from cardan.common.haptics import (
 )
 from cardan.types import ZERO3, Vector3
 from cardan_omni.driver.limits import TickLimits
-from omni_tick_rig import (
+from omni_tick_bench import (
     ABOVE,
     BELOW,
     FIXTURES,
     FLOOR,
     PERIOD_S,
     VECTORS,
-    Rig,
+    Bench,
     size,
 )
 from tests.examples import examples
@@ -98,31 +98,31 @@ def live(
     *,
     quantum_m: float = 0.0,
     **limits: Any,
-) -> tuple[Rig, Ledger]:
+) -> tuple[Bench, Ledger]:
     """Engage in free space, then let the hand live in a scene of commands; returns the account."""
-    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, **limits)
-    rig.tick.enable()
-    ledger = Ledger(rig.limits)
+    bench = Bench(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, **limits)
+    bench.tick.enable()
+    ledger = Ledger(bench.limits)
 
     def read() -> Any:
         at = hand.position
         return np.round(at / quantum_m) * quantum_m if quantum_m else at.copy()
 
-    rig.send()
+    bench.send()
     for _ in range(8):
         at = read()
-        ledger.step(at, np.array(rig.step(position=Vector3(*at))))
+        ledger.step(at, np.array(bench.step(position=Vector3(*at))))
     for k in range(ticks):
         change = scene(k)
         if change:
-            rig.send(**change)
+            bench.send(**change)
         hand.move(ledger.force)
         at = read()
-        force = np.array(rig.step(position=Vector3(*at)))
+        force = np.array(bench.step(position=Vector3(*at)))
         ledger.step(at, force)
         assert ledger.kept, k
-        assert np.linalg.norm(force) <= rig.limits.clamp_n
-    return rig, ledger
+        assert np.linalg.norm(force) <= bench.limits.clamp_n
+    return bench, ledger
 
 
 @settings(max_examples=examples(25))
@@ -205,40 +205,40 @@ def test_energy_is_bounded_through_interruptions(
 ) -> None:
     """Silence, late ticks, the inkwell and force that comes and goes: one engagement, one bound."""
     random = np.random.default_rng(seed)
-    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32)
-    rig.tick.enable()
-    rig.send()
-    body, ledger = Hand(*hand, ZERO3), Ledger(rig.limits)
+    bench = Bench(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32)
+    bench.tick.enable()
+    bench.send()
+    body, ledger = Hand(*hand, ZERO3), Ledger(bench.limits)
     silent = docked = 0
     for _ in range(600):
         if random.random() < 0.01:
             force = Vector3(*random.normal(0.0, 1.0, 3))
-            rig.send(fixtures=tuple(fixtures) if random.random() < 0.5 else (), force=force)
+            bench.send(fixtures=tuple(fixtures) if random.random() < 0.5 else (), force=force)
         if random.random() < 0.01:
-            rig.send(fixtures=(), force=ZERO3)
+            bench.send(fixtures=(), force=ZERO3)
         silent = int(random.integers(1, 60)) if random.random() < 0.01 else max(0, silent - 1)
         docked = int(random.integers(1, 20)) if random.random() < 0.01 else max(0, docked - 1)
         at = body.move(ledger.force).copy()
-        force = rig.step(silent=silent > 0, position=Vector3(*at), inkwell=docked > 0)
+        force = bench.step(silent=silent > 0, position=Vector3(*at), inkwell=docked > 0)
         ledger.step(at, np.array(force))
         assert ledger.kept
 
 
 def test_every_engagement_has_a_budget_of_its_own() -> None:
-    rig = Rig(engage_ramp_s=0.0)
-    rig.tick.enable()
+    bench = Bench(engage_ramp_s=0.0)
+    bench.tick.enable()
     for _ in range(3):
-        rig.send(force=ZERO3, engaged=True)
-        rig.run(0.02)
-        before = rig.state
+        bench.send(force=ZERO3, engaged=True)
+        bench.run(0.02)
+        before = bench.state
         assert before.energy_j == pytest.approx(0.0, abs=1e-6)
-        rig.send(force=Vector3(0.5, 0.0, 0.0))
-        start = rig.sample.position
-        rig.glide(start._replace(x=start.x + 0.02), 0.5)
-        after = rig.state
+        bench.send(force=Vector3(0.5, 0.0, 0.0))
+        start = bench.sample.position
+        bench.glide(start._replace(x=start.x + 0.02), 0.5)
+        after = bench.state
         assert 0.003 < after.delivered_j - before.delivered_j <= 0.005
-        rig.send(engaged=False)
-        rig.run(0.02)
+        bench.send(engaged=False)
+        bench.run(0.02)
 
 
 def test_a_plain_loop_would_have_given_energy() -> None:
@@ -246,20 +246,20 @@ def test_a_plain_loop_would_have_given_energy() -> None:
 
     def given(passivity: bool) -> float:
         body, past = Hand(0.1, 0.1, 0.0, ZERO3), []
-        rig = Rig(
+        bench = Bench(
             engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, passivity=passivity
         )
-        rig.tick.enable()
-        rig.send()
-        rig.run(0.01)
-        ledger = Ledger(rig.limits)
+        bench.tick.enable()
+        bench.send()
+        bench.run(0.01)
+        ledger = Ledger(bench.limits)
         for k in range(1000):
             past.append(float(body.position[2]))
-            rig.send(force=Vector3(0.0, 0.0, -500.0 * past[max(0, k - 20)]))
+            bench.send(force=Vector3(0.0, 0.0, -500.0 * past[max(0, k - 20)]))
             body.velocity[2] += 0.01 * (k == 0)
             at = body.move(ledger.force).copy()
-            ledger.step(at, np.array(rig.step(position=Vector3(*at))))
-        state = rig.state
+            ledger.step(at, np.array(bench.step(position=Vector3(*at))))
+        state = bench.state
         assert state.delivered_j == pytest.approx(ledger.worst_j, abs=1e-9)
         return ledger.given_j
 
@@ -269,28 +269,28 @@ def test_a_plain_loop_would_have_given_energy() -> None:
 
 def test_a_still_hand_feels_all_of_a_wall() -> None:
     """Passivity takes nothing from a wall that is pressed and left again as people do."""
-    rig = Rig(engage_ramp_s=0.1)
-    rig.press()
+    bench = Bench(engage_ramp_s=0.1)
+    bench.press()
     for _ in range(5):
-        rig.glide(ABOVE, 0.15)
-        force = rig.glide(BELOW, 0.15)
+        bench.glide(ABOVE, 0.15)
+        force = bench.glide(BELOW, 0.15)
         assert force.z == pytest.approx(1.5, abs=0.1)
-        state = rig.state
+        state = bench.state
         assert state.passivity_damping_n_s_m == 0.0
         assert state.energy_j >= 0.0
 
 
 def test_an_empty_tank_damps_first() -> None:
     """A force pushes the hand away: the observer sees it, alpha is tried, then it is let go."""
-    rig = Rig(engage_ramp_s=0.0)
-    rig.engage()
-    rig.send(force=Vector3(1.0, 0.0, 0.0))
+    bench = Bench(engage_ramp_s=0.0)
+    bench.engage()
+    bench.send(force=Vector3(1.0, 0.0, 0.0))
     alphas, position = [], 0.0
     for k in range(200):
         position += min(k, 100) * 1e-6
-        rig.step(position=Vector3(position, 0.0, 0.0))
-        alphas.append(rig.state.passivity_damping_n_s_m)
-    state = rig.state
+        bench.step(position=Vector3(position, 0.0, 0.0))
+        alphas.append(bench.state.passivity_damping_n_s_m)
+    state = bench.state
     assert max(alphas) == pytest.approx(4.0)
     assert state.reason == "limited to stay passive"
     assert size(state.force) < 0.6
@@ -299,10 +299,10 @@ def test_an_empty_tank_damps_first() -> None:
 
 
 def test_the_observer_counts_what_is_sent() -> None:
-    rig = Rig(passivity=False, engage_ramp_s=0.0)
-    rig.engage(fixtures=(FLOOR,))
-    ledger = Ledger(rig.limits)
+    bench = Bench(passivity=False, engage_ramp_s=0.0)
+    bench.engage(fixtures=(FLOOR,))
+    ledger = Ledger(bench.limits)
     for k in range(1000):
         at = np.array([0.0, 0.0, 0.004 * math.sin(0.01 * k)])
-        ledger.step(at, np.array(rig.step(position=Vector3(*at))))
-    assert rig.state.delivered_j == pytest.approx(ledger.worst_j, abs=1e-12)
+        ledger.step(at, np.array(bench.step(position=Vector3(*at))))
+    assert bench.state.delivered_j == pytest.approx(ledger.worst_j, abs=1e-12)

@@ -23,12 +23,12 @@ from cardan.types import ZERO3, Vector3
 from cardan_omni.driver import native, structures
 from cardan_omni.driver.limits import TickLimits, UncheckedLimits
 from cardan_omni.driver.tick import Tick
-from omni_tick_rig import (
+from omni_tick_bench import (
     BARE,
     FLOOR,
     NAN,
     PERIOD_S,
-    Rig,
+    Bench,
     size,
 )
 from tests.ranges import ranges
@@ -40,44 +40,44 @@ from tests.ranges import ranges
     ["now_s", "position", "velocity", "rotation", "joints_rad", "gimbal_rad", "temperature"],
 )
 def test_a_sample_that_is_no_number_is_a_fault_and_no_force(field: str, bad: float) -> None:
-    rig = Rig()
-    rig.press()
-    good = rig.sample
+    bench = Bench()
+    bench.press()
+    good = bench.sample
     value = getattr(good, field)
     if isinstance(value, tuple):
         value = (*value[:-1], bad)
     else:
         value = bad
-    before = rig.forces[-1]
+    before = bench.forces[-1]
     for k in range(6):
-        rig.now_s += PERIOD_S
-        sample = good._replace(now_s=rig.now_s)
+        bench.now_s += PERIOD_S
+        sample = good._replace(now_s=bench.now_s)
         if k == 0:
             sample = sample._replace(**{field: value})
-        force = rig.tick.step(sample)
+        force = bench.tick.step(sample)
         assert size(force) <= size(before)
         before = force
     assert force == ZERO3
-    state = rig.state
+    state = bench.state
     assert state.state is OperatingState.FAULT
     assert "not finite" in state.reason
     assert all(math.isfinite(x) for x in (*state.force, *state.velocity, state.energy_j))
-    rig.tick.enable()
-    rig.step()
-    assert rig.state.state is OperatingState.ENABLED
+    bench.tick.enable()
+    bench.step()
+    assert bench.state.state is OperatingState.ENABLED
 
 
 def test_forces_that_overflow_are_a_fault() -> None:
-    rig = Rig()
-    rig.press()
-    rig.send(
+    bench = Bench()
+    bench.press()
+    bench.send(
         force=Vector3(1.7e308, 0.0, 0.0),
-        measured=MeasuredForce(ZERO3, rig.now_s),
+        measured=MeasuredForce(ZERO3, bench.now_s),
         world=WorldMap(linear=(1.7e308,) * 9),
         fixtures=(Spring(ZERO3, 1e300, 1e300),),
     )
-    assert rig.zero_after() <= 0.005 + 1e-9
-    assert rig.state.state is OperatingState.FAULT
+    assert bench.zero_after() <= 0.005 + 1e-9
+    assert bench.state.state is OperatingState.FAULT
 
 
 MEASURED = MeasuredForce(ZERO3, 1.0)
@@ -112,16 +112,16 @@ BAD_COMMANDS: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("change", "words"), BAD_COMMANDS, ids=[str(c) for c, _ in BAD_COMMANDS])
 def test_bad_commands_are_refused_and_change_nothing(change: dict[str, Any], words: str) -> None:
-    rig = Rig(**BARE)
-    rig.send(force=Vector3(0.0, 0.0, 1.0))
-    good = rig.command
-    rig.step(silent=True)
+    bench = Bench(**BARE)
+    bench.send(force=Vector3(0.0, 0.0, 1.0))
+    good = bench.command
+    bench.step(silent=True)
     with pytest.raises(CommandError, match=words):
-        rig.tick.command(good._replace(**{"sequence": 99, "stamp_s": 200.0, **change}))
-    rig.step(silent=True)
-    assert rig.state.force_commanded == (0.0, 0.0, 1.0)
-    assert rig.state.command_sequence == 1
-    assert rig.tick.command(good._replace(sequence=2, stamp_s=rig.now_s)), "nor what is stale"
+        bench.tick.command(good._replace(**{"sequence": 99, "stamp_s": 200.0, **change}))
+    bench.step(silent=True)
+    assert bench.state.force_commanded == (0.0, 0.0, 1.0)
+    assert bench.state.command_sequence == 1
+    assert bench.tick.command(good._replace(sequence=2, stamp_s=bench.now_s)), "nor what is stale"
 
 
 @pytest.mark.parametrize(
@@ -271,10 +271,10 @@ def test_every_limit_arrives(name: str) -> None:
 
 
 def test_limits_can_change_while_it_runs() -> None:
-    rig = Rig()
-    rig.press()
-    rig.tick.set_limits(dataclasses.replace(rig.limits, clamp_n=1.0))
-    force = rig.run(0.01)
+    bench = Bench()
+    bench.press()
+    bench.tick.set_limits(dataclasses.replace(bench.limits, clamp_n=1.0))
+    force = bench.run(0.01)
     assert size(force) == pytest.approx(1.0)
 
 

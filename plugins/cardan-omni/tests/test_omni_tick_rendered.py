@@ -21,12 +21,12 @@ from cardan.common.haptics import (
 )
 from cardan.types import ZERO3, Vector3
 from cardan_omni.driver.native import kinematics
-from omni_tick_rig import (
+from omni_tick_bench import (
     BARE,
     BELOW,
     FLOOR,
     PERIOD_S,
-    Rig,
+    Bench,
     commanded,
     rotation,
     size,
@@ -120,13 +120,13 @@ def test_in_the_very_middle_at_once_it_pushes_somewhere(fixture: Fixture) -> Non
 def test_damping_never_pulls_into_a_wall(
     fixture: Fixture, speed_m_s: float, force_z: float
 ) -> None:
-    rig = Rig(**BARE)
-    rig.send(fixtures=(fixture,))
+    bench = Bench(**BARE)
+    bench.send(fixtures=(fixture,))
     start = -0.005 - 0.2 * speed_m_s
     for k in range(201):
-        rig.step(position=Vector3(0.0, 0.0, start + k * PERIOD_S * speed_m_s))
-    assert rig.state.velocity.z == pytest.approx(speed_m_s)
-    assert rig.state.force_commanded.z == pytest.approx(force_z)
+        bench.step(position=Vector3(0.0, 0.0, start + k * PERIOD_S * speed_m_s))
+    assert bench.state.velocity.z == pytest.approx(speed_m_s)
+    assert bench.state.force_commanded.z == pytest.approx(force_z)
 
 
 def test_the_world_map_moves_the_point_and_turns_the_force_back() -> None:
@@ -142,78 +142,78 @@ def test_the_world_map_moves_the_point_and_turns_the_force_back() -> None:
 
 
 def test_forces_of_all_sources_are_added_and_only_fixtures_are_scaled() -> None:
-    rig = Rig(**BARE)
-    rig.send(
+    bench = Bench(**BARE)
+    bench.send(
         fixtures=(FLOOR, FLOOR),
         force_scale=0.5,
         force=Vector3(0.1, 0.0, 0.0),
-        measured=MeasuredForce(Vector3(0.0, 0.3, 0.0), rig.now_s),
+        measured=MeasuredForce(Vector3(0.0, 0.3, 0.0), bench.now_s),
     )
-    rig.step(position=Vector3(0.0, 0.0, -0.001))
-    assert rig.state.force_commanded == pytest.approx((0.1, 0.3, 0.5))
+    bench.step(position=Vector3(0.0, 0.0, -0.001))
+    assert bench.state.force_commanded == pytest.approx((0.1, 0.3, 0.5))
 
 
 def test_the_edge_of_the_workspace_is_a_spring_and_fixtures_fade_beyond_it() -> None:
-    rig = Rig(**{**BARE, "workspace_upper_m": (0.05, 1.0, 1.0)})
-    rig.send(fixtures=(FLOOR,))
-    rig.step(position=Vector3(0.055, 0.0, -0.002))
-    assert rig.state.force_commanded == pytest.approx((-1.0, 0.0, 0.75))
-    rig.step(position=Vector3(0.1, 0.0, -0.002))
-    assert rig.state.force_commanded == pytest.approx((-10.0, 0.0, 0.0))
+    bench = Bench(**{**BARE, "workspace_upper_m": (0.05, 1.0, 1.0)})
+    bench.send(fixtures=(FLOOR,))
+    bench.step(position=Vector3(0.055, 0.0, -0.002))
+    assert bench.state.force_commanded == pytest.approx((-1.0, 0.0, 0.75))
+    bench.step(position=Vector3(0.1, 0.0, -0.002))
+    assert bench.state.force_commanded == pytest.approx((-10.0, 0.0, 0.0))
 
 
 def test_a_measured_force_goes_on_for_a_bounded_time() -> None:
-    rig = Rig(**BARE, extrapolate_s=0.0085, measured_hold_s=0.0495)
-    rig.step()
+    bench = Bench(**BARE, extrapolate_s=0.0085, measured_hold_s=0.0495)
+    bench.step()
     measured = MeasuredForce(
-        Vector3(0.5, 0.0, 0.0), rig.now_s, Vector3(0.0, 10.0, 0.0), ZERO3, 100.0
+        Vector3(0.5, 0.0, 0.0), bench.now_s, Vector3(0.0, 10.0, 0.0), ZERO3, 100.0
     )
-    rig.send(measured=measured)
+    bench.send(measured=measured)
     for k in range(1, 50):
-        rig.step(position=Vector3(0.0, 0.0, 1e-4 * k))
-        state = rig.state
+        bench.step(position=Vector3(0.0, 0.0, 1e-4 * k))
+        state = bench.state
         held = min(k, 8)
         assert state.force_age_s == pytest.approx(k * PERIOD_S)
         assert state.force_commanded == pytest.approx(
             (0.5, 10.0 * held * PERIOD_S, -100.0 * 1e-4 * held)
         ), k
-    rig.step()
-    assert rig.state.force_commanded == ZERO3, "too old to be felt"
+    bench.step()
+    assert bench.state.force_commanded == ZERO3, "too old to be felt"
 
 
 def test_a_measured_force_is_never_above_the_clamp() -> None:
-    rig = Rig(**BARE)
-    rig.step()
-    rig.send(measured=MeasuredForce(Vector3(30.0, 40.0, 0.0), rig.now_s, Vector3(1e4, 0, 0)))
-    rig.step()
-    assert size(rig.state.force_commanded) == pytest.approx(2.0)
+    bench = Bench(**BARE)
+    bench.step()
+    bench.send(measured=MeasuredForce(Vector3(30.0, 40.0, 0.0), bench.now_s, Vector3(1e4, 0, 0)))
+    bench.step()
+    assert size(bench.state.force_commanded) == pytest.approx(2.0)
 
 
 def test_raw_joint_torques_and_nothing_else() -> None:
-    rig = Rig(**BARE, engage_ramp_s=0.0)
+    bench = Bench(**BARE, engage_ramp_s=0.0)
     joints = Vector3(0.2, 0.742, 0.5531)
-    rig.step(position=BELOW, joints_rad=joints)
-    rig.engage(fixtures=(FLOOR,), joint_torques_n_m=ZERO3)
-    rig.send(joint_torques_n_m=Vector3(0.05, -0.02, 0.03))
-    force = rig.run(0.1)
+    bench.step(position=BELOW, joints_rad=joints)
+    bench.engage(fixtures=(FLOOR,), joint_torques_n_m=ZERO3)
+    bench.send(joint_torques_n_m=Vector3(0.05, -0.02, 0.03))
+    force = bench.run(0.1)
     jacobian = np.array(kinematics(joints)[1]).reshape(3, 3)
     assert jacobian.T @ force == pytest.approx([0.05, -0.02, 0.03], abs=1e-9)
-    assert rig.state.reason == ""
-    assert rig.tick.details().torques_n_m == pytest.approx((0.05, -0.02, 0.03), abs=1e-9)
+    assert bench.state.reason == ""
+    assert bench.tick.details().torques_n_m == pytest.approx((0.05, -0.02, 0.03), abs=1e-9)
 
 
 @pytest.mark.parametrize("raw", [True, False])
 def test_torques_are_limited_as_a_whole_vector(raw: bool) -> None:
-    rig = Rig(**BARE, engage_ramp_s=0.0, clamp_n=3.3, slew_fall_n_s=660.0)
-    rig.step(joints_rad=Vector3(0.0, 0.742, 0.5531), joint_torque=not raw)
-    rig.engage(joint_torques_n_m=ZERO3 if raw else None)
+    bench = Bench(**BARE, engage_ramp_s=0.0, clamp_n=3.3, slew_fall_n_s=660.0)
+    bench.step(joints_rad=Vector3(0.0, 0.742, 0.5531), joint_torque=not raw)
+    bench.engage(joint_torques_n_m=ZERO3 if raw else None)
     if raw:
-        rig.send(joint_torques_n_m=Vector3(0.7, 0.35, 0.0))
+        bench.send(joint_torques_n_m=Vector3(0.7, 0.35, 0.0))
     else:
-        rig.send(force=Vector3(0.0, 3.0, 0.0))
-    rig.run(0.1)
-    assert rig.state.reason == "limited to the largest force"
-    torques = rig.tick.details().torques_n_m
+        bench.send(force=Vector3(0.0, 3.0, 0.0))
+    bench.run(0.1)
+    assert bench.state.reason == "limited to the largest force"
+    torques = bench.tick.details().torques_n_m
     assert abs(torques.x) <= 0.35 + 1e-12
     assert abs(torques.x) == pytest.approx(0.35)
     if raw:
@@ -288,13 +288,13 @@ def test_the_torques_of_the_largest_force_in_the_middle(
 
 
 def test_350_millinewton_meters_are_two_newtons_sideways_in_the_middle() -> None:
-    rig = Rig(**BARE, engage_ramp_s=0.0, clamp_n=3.3, slew_fall_n_s=660.0)
-    rig.step(joints_rad=Vector3(*inverse(ZERO3)), joint_torque=True)
-    rig.engage()
-    rig.send(force=Vector3(0.0, 3.0, 0.0))
-    assert size(rig.run(0.1)) == pytest.approx(2.08, abs=0.01)
-    rig.send(force=Vector3(0.0, 0.0, 2.5))
-    assert rig.run(0.2).z == pytest.approx(2.5), "not along every axis"
+    bench = Bench(**BARE, engage_ramp_s=0.0, clamp_n=3.3, slew_fall_n_s=660.0)
+    bench.step(joints_rad=Vector3(*inverse(ZERO3)), joint_torque=True)
+    bench.engage()
+    bench.send(force=Vector3(0.0, 3.0, 0.0))
+    assert size(bench.run(0.1)) == pytest.approx(2.08, abs=0.01)
+    bench.send(force=Vector3(0.0, 0.0, 2.5))
+    assert bench.run(0.2).z == pytest.approx(2.5), "not along every axis"
 
 
 @given(JOINTS)

@@ -12,9 +12,9 @@ from cardan.common.haptics import (
 from cardan.errors import CommandError
 from cardan.types import ZERO3, Vector3
 from cardan_omni.driver import values
-from omni_tick_rig import (
+from omni_tick_bench import (
     NAN,
-    Rig,
+    Bench,
     rotation,
     size,
 )
@@ -42,89 +42,89 @@ from omni_tick_rig import (
     ],
 )
 def test_state_commands(start: str, verb: str, end: str | None) -> None:
-    rig = Rig()
+    bench = Bench()
     if start != "disabled":
-        rig.tick.enable()
+        bench.tick.enable()
     if start == "paused":
-        rig.tick.pause()
+        bench.tick.pause()
     if start == "fault":
-        rig.step(position=Vector3(NAN, 0.0, 0.0))
-    assert rig.state.state is OperatingState(start)
+        bench.step(position=Vector3(NAN, 0.0, 0.0))
+    assert bench.state.state is OperatingState(start)
     if end is None:
         with pytest.raises(CommandError, match=f"{verb} is not possible in state {start}"):
-            getattr(rig.tick, verb)()
+            getattr(bench.tick, verb)()
     else:
-        getattr(rig.tick, verb)()
-    assert rig.tick.state is rig.state.state is OperatingState(end or start)
-    rig.step(position=ZERO3)
-    assert rig.state.state is OperatingState(end or start)
+        getattr(bench.tick, verb)()
+    assert bench.tick.state is bench.state.state is OperatingState(end or start)
+    bench.step(position=ZERO3)
+    assert bench.state.state is OperatingState(end or start)
 
 
 def test_disabled_and_enabled_between_two_ticks_engages_anew() -> None:
-    rig = Rig()
-    rig.press()
-    rig.tick.disable()
-    rig.tick.enable()
-    assert rig.zero_after() <= 0.005 + 1e-9
-    assert "too large to engage" in rig.state.reason
+    bench = Bench()
+    bench.press()
+    bench.tick.disable()
+    bench.tick.enable()
+    assert bench.zero_after() <= 0.005 + 1e-9
+    assert "too large to engage" in bench.state.reason
 
 
 def test_a_clutch_released_and_pressed_between_two_ticks_engages_anew() -> None:
-    rig = Rig()
-    rig.press()
-    rig.send(engaged=False)
-    rig.send(engaged=True)
-    assert rig.zero_after() <= 0.005 + 1e-9
+    bench = Bench()
+    bench.press()
+    bench.send(engaged=False)
+    bench.send(engaged=True)
+    assert bench.zero_after() <= 0.005 + 1e-9
 
 
 def test_the_account_is_closed_only_once_the_force_is_gone() -> None:
-    rig = Rig()
-    rig.press()
-    rig.send(engaged=False)
-    rig.send(engaged=True, fixtures=())
-    while rig.state.energy_j != 0.0:
-        assert len(rig.forces) < 10_000
-        before = rig.forces[-1]
-        rig.step()
+    bench = Bench()
+    bench.press()
+    bench.send(engaged=False)
+    bench.send(engaged=True, fixtures=())
+    while bench.state.energy_j != 0.0:
+        assert len(bench.forces) < 10_000
+        before = bench.forces[-1]
+        bench.step()
     assert before == ZERO3
 
 
 @pytest.mark.parametrize("bounce_ms", [0, 1, 3, 5, 10, 20])
 def test_a_bouncing_button_is_pressed_once_and_at_once(bounce_ms: int) -> None:
-    rig = Rig()
-    rig.run(0.05)
+    bench = Bench()
+    bench.run(0.05)
     for press in range(1, 5):
-        rig.step(buttons=2)
-        assert rig.state.presses == (0, press), "the first edge counts"
+        bench.step(buttons=2)
+        assert bench.state.presses == (0, press), "the first edge counts"
         for k in range(bounce_ms):
-            rig.step(buttons=2 * (k % 2))
-        rig.run(0.06, buttons=2)
-        assert rig.state.buttons == 2
-        rig.step(buttons=0)
-        assert rig.state.buttons == 0
+            bench.step(buttons=2 * (k % 2))
+        bench.run(0.06, buttons=2)
+        assert bench.state.buttons == 2
+        bench.step(buttons=0)
+        assert bench.state.buttons == 0
         for k in range(bounce_ms):
-            rig.step(buttons=2 * ((k + 1) % 2))
-        rig.run(0.06, buttons=0)
-        assert (rig.state.presses, rig.state.buttons) == ((0, press), 0)
+            bench.step(buttons=2 * ((k + 1) % 2))
+        bench.run(0.06, buttons=0)
+        assert (bench.state.presses, bench.state.buttons) == ((0, press), 0)
 
 
 def test_buttons_do_not_hold_each_other_up_and_time_counts_not_ticks() -> None:
-    rig = Rig()
-    rig.run(0.05)
-    rig.step(buttons=1)
-    rig.step(buttons=3)
-    assert rig.state.presses == (1, 1)
-    rig.step(buttons=0, gap_s=0.024)
-    assert rig.state.buttons == 2, "25 ms from its own edge"
-    rig.step(buttons=0, gap_s=0.002)
-    assert rig.state.buttons == 0
+    bench = Bench()
+    bench.run(0.05)
+    bench.step(buttons=1)
+    bench.step(buttons=3)
+    assert bench.state.presses == (1, 1)
+    bench.step(buttons=0, gap_s=0.024)
+    assert bench.state.buttons == 2, "25 ms from its own edge"
+    bench.step(buttons=0, gap_s=0.002)
+    assert bench.state.buttons == 0
 
 
 def test_a_snapshot_tells_what_the_device_told() -> None:
-    rig = Rig()
-    assert rig.state.pose is None
+    bench = Bench()
+    assert bench.state.pose is None
     turn = rotation(0.4, -1.2, 2.9)
-    rig.run(
+    bench.run(
         0.01,
         position=Vector3(0.01, 0.02, 0.03),
         rotation=turn,
@@ -134,7 +134,7 @@ def test_a_snapshot_tells_what_the_device_told() -> None:
         encoders=(1, 2, 3, -4, 5, 6),
         buttons=2,
     )
-    state = rig.state
+    state = bench.state
     assert state.pose is not None
     w, x, y, z = state.pose.orientation
     again = (
@@ -150,9 +150,9 @@ def test_a_snapshot_tells_what_the_device_told() -> None:
     assert state.buttons == 2
     assert state.calibration is Calibration.OK
     assert state.ticks == 10
-    assert state.stamp_s == pytest.approx(rig.now_s)
+    assert state.stamp_s == pytest.approx(bench.now_s)
     assert state.rate_hz == pytest.approx(1000.0)
-    assert rig.tick.details().encoders == (1, 2, 3, -4, 5, 6)
+    assert bench.tick.details().encoders == (1, 2, 3, -4, 5, 6)
 
 
 @given(

@@ -28,31 +28,31 @@ class Serial(Subject):
 
     def __init__(self):
         super().__init__()
-        self.rig = Bench(self.key)
-        self.rig.live()
-        self.button = next(iter(self.rig.puck.model.buttons.values()))
-        genuine = self.rig.puck.reports
+        self.bench = Bench(self.key)
+        self.bench.live()
+        self.button = next(iter(self.bench.puck.model.buttons.values()))
+        genuine = self.bench.puck.reports
 
         def reports(now_s):
             passed = [self.passed(portion, now_s) for portion in genuine(now_s)]
             return [portion for portion in passed if portion]
 
-        self.rig.puck.reports = reports
+        self.bench.puck.reports = reports
 
     def deflect(self):
-        self.rig.puck.press(self.button)
-        self.rig.run(0.5, HALF)
+        self.bench.puck.press(self.button)
+        self.bench.run(0.5, HALF)
 
     def let_go(self):
-        self.rig.puck.release(self.button)
-        self.rig.run(0.5, REST)
+        self.bench.puck.release(self.button)
+        self.bench.run(0.5, REST)
 
     def unplug(self):
-        self.rig.puck.unplug()
-        self.rig.run(self.step_s)
+        self.bench.puck.unplug()
+        self.bench.run(self.step_s)
 
     def replug(self):
-        self.rig.puck.replug()
+        self.bench.puck.replug()
 
 
 class Magellan(Serial):

@@ -22,25 +22,25 @@ class WiiRemote(Intercepted):
     name = "Wii Remote"
 
     def make(self):
-        rig = wiimote_bench.Bench()
-        rig.ready()
-        return rig
+        bench = wiimote_bench.Bench()
+        bench.ready()
+        return bench
 
     def deflect(self):
-        self.rig.tilt(30.0, 10.0)
-        self.rig.press("a")
-        self.rig.run(0.3)
+        self.bench.tilt(30.0, 10.0)
+        self.bench.press("a")
+        self.bench.run(0.3)
 
     def let_go(self):
-        self.rig.release("a")
-        self.rig.run(0.3)
+        self.bench.release("a")
+        self.bench.run(0.3)
 
     def unplug(self):
-        self.rig._lose("unplugged")
-        self.rig.retry_s = float("inf")
+        self.bench._lose("unplugged")
+        self.bench.retry_s = float("inf")
 
     def replug(self):
-        self.rig.retry_s = self.now_s
+        self.bench.retry_s = self.now_s
 
 
 @pytest.mark.parametrize(("kind", "fault"), cases([WiiRemote]))

@@ -17,7 +17,7 @@ import pytest
 from cardan.common.haptics import HapticCommand, Plane
 from cardan.types import ZERO3, Vector3
 from studies.haptics import theory
-from studies.haptics.loop import MISPLACED_M, Rig
+from studies.haptics.loop import MISPLACED_M, Bench
 from studies.haptics.remote import Channel, Link, RemoteWall, Robot, Wall
 from studies.haptics.stability import (
     HANDS,
@@ -153,18 +153,18 @@ def test_a_position_that_comes_a_tick_late_is_no_loophole():
 def test_uneven_ticks_are_no_loophole(hand, fault, value):
     """Beyond what tick.h promises, which is of a steady period."""
     wall = Plane(ZERO3, UP, 1500.0)
-    with Rig(OURS, hand.settings) as rig:
-        rig.tick.enable()
-        rig.sim.fault(fault, value)
+    with Bench(OURS, hand.settings) as bench:
+        bench.tick.enable()
+        bench.sim.fault(fault, value)
         numbers = itertools.count(1)
 
         def each(now_s):
-            rig.tick.command(HapticCommand(next(numbers), now_s, True, fixtures=(wall,)))
+            bench.tick.command(HapticCommand(next(numbers), now_s, True, fixtures=(wall,)))
 
-        rig.run(0.3, each)
-        rig.sim.push(Vector3(0.0, 0.0, hand.push_n))
-        rig.run(3.0, each)
-        trace = rig.trace
+        bench.run(0.3, each)
+        bench.sim.push(Vector3(0.0, 0.0, hand.push_n))
+        bench.run(3.0, each)
+        trace = bench.trace
     assert np.linalg.norm(trace.sent_n, axis=1).max() > 0.5
     assert trace.given_j.max() <= MOST_J
 

@@ -35,7 +35,7 @@ FORWARD = (1.0, 0, 0, 0, 0, 0)
 REST = (0.0,) * 6
 
 
-class Rig:
+class Bench:
     """An engine, a device set by hand and an ideal robot that is where it is told."""
 
     def __init__(self, deadman=("left",), gripper=None, limits=None, filters=(), watchdogs=None):
@@ -118,329 +118,329 @@ class Rig:
 
 
 def test_first_command_is_the_measured_pose_at_rest():
-    rig = Rig().run()
-    assert rig.command == PoseCommand(START, ZERO_TWIST)
+    bench = Bench().run()
+    assert bench.command == PoseCommand(START, ZERO_TWIST)
 
 
 def test_moves_only_while_the_deadman_is_held():
-    rig = Rig().arm()
-    rig.hand(FORWARD)
-    rig.run(0.2)
-    assert rig.core.at_rest
-    rig.hand(FORWARD, "left")
-    rig.run(0.5)
-    assert rig.core.phase is Phase.MOVING
-    assert rig.core.reference.linear == pytest.approx((0.1, 0, 0))
-    rig.hand(FORWARD)
-    rig.run()
-    assert rig.core.phase is Phase.BRAKING
-    rig.braked_within(0.1)
-    assert rig.core.phase is Phase.HOLDING
+    bench = Bench().arm()
+    bench.hand(FORWARD)
+    bench.run(0.2)
+    assert bench.core.at_rest
+    bench.hand(FORWARD, "left")
+    bench.run(0.5)
+    assert bench.core.phase is Phase.MOVING
+    assert bench.core.reference.linear == pytest.approx((0.1, 0, 0))
+    bench.hand(FORWARD)
+    bench.run()
+    assert bench.core.phase is Phase.BRAKING
+    bench.braked_within(0.1)
+    assert bench.core.phase is Phase.HOLDING
 
 
 def test_regripping_needs_no_ceremony_and_makes_no_step():
-    rig = Rig().drive()
-    rig.hand(FORWARD)
-    rig.run(0.5)
-    where = rig.core.reference.pose
-    rig.hand(FORWARD, "left")
-    rig.run()
-    assert norm(subtract(rig.core.reference.pose.position, where.position)) < 1e-4
-    rig.run(0.3)
-    assert rig.core.phase is Phase.MOVING
+    bench = Bench().drive()
+    bench.hand(FORWARD)
+    bench.run(0.5)
+    where = bench.core.reference.pose
+    bench.hand(FORWARD, "left")
+    bench.run()
+    assert norm(subtract(bench.core.reference.pose.position, where.position)) < 1e-4
+    bench.run(0.3)
+    assert bench.core.phase is Phase.MOVING
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.CLOSED])
 def test_a_lost_device_brakes_and_needs_rearming(link):
-    rig = Rig().drive()
-    rig.hand(REST, link=link, reason="the SpaceMouse was unplugged")
-    rig.run()
-    assert rig.core.phase is Phase.BRAKING
-    rig.braked_within(0.1)
-    assert rig.core.phase is Phase.DISARMED
-    assert "unplugged" in rig.status.message
-    assert rig.status.trips == 1
+    bench = Bench().drive()
+    bench.hand(REST, link=link, reason="the SpaceMouse was unplugged")
+    bench.run()
+    assert bench.core.phase is Phase.BRAKING
+    bench.braked_within(0.1)
+    assert bench.core.phase is Phase.DISARMED
+    assert "unplugged" in bench.status.message
+    assert bench.status.trips == 1
     # back again, still deflected and with the button held: not enough
-    rig.hand(FORWARD, "left")
-    rig.run(0.2)
-    assert rig.core.at_rest
-    rig.hand()
-    rig.run()
-    rig.hand(FORWARD, "left")
-    rig.run(0.2)
-    assert rig.core.phase is Phase.MOVING
-    assert rig.status.message == ""
+    bench.hand(FORWARD, "left")
+    bench.run(0.2)
+    assert bench.core.at_rest
+    bench.hand()
+    bench.run()
+    bench.hand(FORWARD, "left")
+    bench.run(0.2)
+    assert bench.core.phase is Phase.MOVING
+    assert bench.status.message == ""
 
 
 def test_silence_while_deflected_trips_even_if_the_driver_does_not_say_so():
-    rig = Rig().drive()
-    rig.fresh = False
-    rig.run(0.096)
-    assert rig.core.phase is Phase.MOVING
-    rig.run(0.008)
-    assert rig.core.phase is Phase.BRAKING
-    assert "silent" in rig.status.message
+    bench = Bench().drive()
+    bench.fresh = False
+    bench.run(0.096)
+    assert bench.core.phase is Phase.MOVING
+    bench.run(0.008)
+    assert bench.core.phase is Phase.BRAKING
+    assert "silent" in bench.status.message
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_values_that_are_not_numbers_never_reach_the_reference(bad):
-    rig = Rig().drive()
-    rig.hand((bad, 0, 0, 0, 0, 0), "left")
-    rig.run().braked_within(0.1)
-    assert rig.core.phase is Phase.DISARMED
-    assert all(map(math.isfinite, rig.core.reference.pose.position))
-    rig.hand((bad, 0, 0, 0, 0, 0))
-    rig.run()
-    rig.hand(FORWARD, "left")
-    rig.run()
-    assert rig.core.at_rest
+    bench = Bench().drive()
+    bench.hand((bad, 0, 0, 0, 0, 0), "left")
+    bench.run().braked_within(0.1)
+    assert bench.core.phase is Phase.DISARMED
+    assert all(map(math.isfinite, bench.core.reference.pose.position))
+    bench.hand((bad, 0, 0, 0, 0, 0))
+    bench.run()
+    bench.hand(FORWARD, "left")
+    bench.run()
+    assert bench.core.at_rest
 
 
 def test_a_robot_that_stops_acting_is_braked_and_then_followed_not_dragged():
-    rig = Rig().drive()
+    bench = Bench().drive()
     moved = Pose(Vector3(0.4, 0.1, 0.7), IDENTITY)
-    rig.run(hold_reason="motors are off", pose=moved)
+    bench.run(hold_reason="motors are off", pose=moved)
     # As long as it is heard it may still obey: the command ramps down, it does not break off.
-    assert isinstance(rig.command, PoseCommand)
-    assert rig.core.phase is Phase.BRAKING
-    assert rig.status.message == "motors are off"
+    assert isinstance(bench.command, PoseCommand)
+    assert bench.core.phase is Phase.BRAKING
+    assert bench.status.message == "motors are off"
     for _ in range(50):
-        rig.run(hold_reason="motors are off", pose=moved)
-    assert rig.command == HoldCommand()
-    assert rig.core.phase is Phase.NO_ROBOT
-    assert rig.status.message == "motors are off"
-    rig.run(hold_reason="", pose=moved)
-    assert rig.command.pose == moved
-    assert rig.core.phase is Phase.DISARMED
-    rig.run(0.2)
-    assert rig.command.pose == moved
+        bench.run(hold_reason="motors are off", pose=moved)
+    assert bench.command == HoldCommand()
+    assert bench.core.phase is Phase.NO_ROBOT
+    assert bench.status.message == "motors are off"
+    bench.run(hold_reason="", pose=moved)
+    assert bench.command.pose == moved
+    assert bench.core.phase is Phase.DISARMED
+    bench.run(0.2)
+    assert bench.command.pose == moved
 
 
 def test_a_silent_robot_disarms():
-    rig = Rig().drive()
-    rig.run(link=RobotLink.LOST, hold_reason="no datagram for 0.1 s")
-    assert rig.command == HoldCommand()
-    rig.run(0.1, link=RobotLink.LIVE, hold_reason="")
-    assert rig.core.phase is Phase.DISARMED
-    assert "silent" in rig.status.message
+    bench = Bench().drive()
+    bench.run(link=RobotLink.LOST, hold_reason="no datagram for 0.1 s")
+    assert bench.command == HoldCommand()
+    bench.run(0.1, link=RobotLink.LIVE, hold_reason="")
+    assert bench.core.phase is Phase.DISARMED
+    assert "silent" in bench.status.message
 
 
 def test_a_restarted_controller_voids_the_reference():
-    rig = Rig().drive()
+    bench = Bench().drive()
     elsewhere = Pose(Vector3(0.3, 0.3, 0.6), IDENTITY)
-    rig.run(session=2, pose=elsewhere)
-    assert rig.command == PoseCommand(elsewhere, ZERO_TWIST)
-    assert rig.core.phase is Phase.DISARMED
-    assert "new session" in rig.status.message
+    bench.run(session=2, pose=elsewhere)
+    assert bench.command == PoseCommand(elsewhere, ZERO_TWIST)
+    assert bench.core.phase is Phase.DISARMED
+    assert "new session" in bench.status.message
 
 
 def test_a_late_tick_does_not_make_the_reference_jump():
-    rig = Rig().drive()
-    before = rig.core.reference.pose.position
-    rig.now_s += 0.06
-    rig.run(period_s=0.06)
-    moved = norm(subtract(rig.core.reference.pose.position, before))
+    bench = Bench().drive()
+    before = bench.core.reference.pose.position
+    bench.now_s += 0.06
+    bench.run(period_s=0.06)
+    moved = norm(subtract(bench.core.reference.pose.position, before))
     assert moved <= 0.1 * LONGEST_STEP_PERIODS * DT_S + 1e-9
-    assert rig.core.phase is Phase.MOVING
+    assert bench.core.phase is Phase.MOVING
 
 
 def test_after_a_stall_the_reference_is_where_the_robot_is():
-    rig = Rig().drive()
-    elsewhere = Pose(subtract(rig.robot.pose.position, Vector3(0.006, 0, 0)), IDENTITY)
-    rig.now_s += 0.6
-    state = rig.robot._replace(stamp_s=rig.now_s, pose=elsewhere, period_s=0.6)
-    device = rig.device._replace(stamp_s=rig.now_s)
-    assert rig.core.tick(state, device) == PoseCommand(elsewhere, ZERO_TWIST)
-    assert rig.core.phase is Phase.DISARMED
-    assert "stood still for 0.6 s" in rig.status.message
+    bench = Bench().drive()
+    elsewhere = Pose(subtract(bench.robot.pose.position, Vector3(0.006, 0, 0)), IDENTITY)
+    bench.now_s += 0.6
+    state = bench.robot._replace(stamp_s=bench.now_s, pose=elsewhere, period_s=0.6)
+    device = bench.device._replace(stamp_s=bench.now_s)
+    assert bench.core.tick(state, device) == PoseCommand(elsewhere, ZERO_TWIST)
+    assert bench.core.phase is Phase.DISARMED
+    assert "stood still for 0.6 s" in bench.status.message
 
 
 def test_gravity_sag_does_not_creep_into_the_reference():
-    rig = Rig().arm()
-    where = rig.core.reference.pose
+    bench = Bench().arm()
+    where = bench.core.reference.pose
     for _ in range(100):
         # the robot hangs 2 mm below its command, and the operator grips again and again
         sagged = Pose(subtract(where.position, Vector3(0, 0, 0.002)), IDENTITY)
-        rig.hand(REST)
-        rig.run(pose=sagged)
-        rig.hand(REST, "left")
-        rig.run(pose=sagged)
-    assert rig.core.reference.pose == where
+        bench.hand(REST)
+        bench.run(pose=sagged)
+        bench.hand(REST, "left")
+        bench.run(pose=sagged)
+    assert bench.core.reference.pose == where
 
 
-def pushed_away(rig, way_m=0.2):
+def pushed_away(bench, way_m=0.2):
     """Push the arm sideways at 1 m/s; return the pose where it stays."""
-    here = rig.robot.pose
+    here = bench.robot.pose
     for step in range(1, round(way_m / DT_S) + 1):
         away = Pose(subtract(here.position, Vector3(0.0, step * DT_S, 0.0)), IDENTITY)
-        rig.run(pose=away)
+        bench.run(pose=away)
     return away
 
 
-def stays(rig, seconds, pose):
+def stays(bench, seconds, pose):
     """The robot is held at `pose`; returns the fastest that was commanded meanwhile, m/s."""
     fastest = 0.0
     for _ in range(round(seconds / DT_S)):
-        rig.run(pose=pose)
-        fastest = max(fastest, rig.speeds[-1])
+        bench.run(pose=pose)
+        fastest = max(fastest, bench.speeds[-1])
     return fastest
 
 
 def test_a_robot_held_by_something_else_gets_its_reference_back_gently():
-    rig = Rig().drive()
-    away = pushed_away(rig, 0.12)
-    assert "something else holds it" in rig.status.message
-    stays(rig, 0.1, away)
-    assert rig.core.phase is Phase.RECOVERING
-    before = rig.core.commanded.pose.position
-    assert stays(rig, 4.0, away) <= 0.05 * (1 + 1e-9)
-    went = norm(subtract(rig.core.commanded.pose.position, before))
+    bench = Bench().drive()
+    away = pushed_away(bench, 0.12)
+    assert "something else holds it" in bench.status.message
+    stays(bench, 0.1, away)
+    assert bench.core.phase is Phase.RECOVERING
+    before = bench.core.commanded.pose.position
+    assert stays(bench, 4.0, away) <= 0.05 * (1 + 1e-9)
+    went = norm(subtract(bench.core.commanded.pose.position, before))
     assert went <= ReferenceLimits().max_lead_m
-    assert rig.core.phase is Phase.DISARMED
-    assert rig.status.trips == 1
+    assert bench.core.phase is Phase.DISARMED
+    assert bench.status.trips == 1
 
 
 def test_no_recovery_goes_farther_than_the_maximum_lead_without_rearming():
-    rig = Rig().drive()
-    away = pushed_away(rig)
+    bench = Bench().drive()
+    away = pushed_away(bench)
     max_lead_m = ReferenceLimits().max_lead_m
-    stays(rig, 5.0, away)
-    assert rig.core.phase is Phase.DISARMED
-    assert "not resynchronized with the robot" in rig.status.message
-    start = rig.core.commanded.pose.position
-    assert stays(rig, 5.0, away) == 0.0  # Not by itself, however long it takes.
+    stays(bench, 5.0, away)
+    assert bench.core.phase is Phase.DISARMED
+    assert "not resynchronized with the robot" in bench.status.message
+    start = bench.core.commanded.pose.position
+    assert stays(bench, 5.0, away) == 0.0  # Not by itself, however long it takes.
     for _ in range(4):
-        rig.hand()
-        rig.run(pose=away)
-        rig.hand(REST, "left")
-        before = rig.core.commanded.pose.position
-        assert stays(rig, 5.0, away) <= 0.05 * (1 + 1e-9)
-        assert norm(subtract(rig.core.commanded.pose.position, before)) <= 1.1 * max_lead_m
-    assert norm(subtract(rig.core.commanded.pose.position, start)) > 2.0 * max_lead_m
-    assert norm(subtract(rig.core.commanded.pose.position, away.position)) < 0.2 * max_lead_m
-    rig.hand()
-    rig.run(pose=away)
-    rig.hand(REST, "left")
-    rig.run(pose=away)
-    assert rig.core.phase is Phase.HOLDING
+        bench.hand()
+        bench.run(pose=away)
+        bench.hand(REST, "left")
+        before = bench.core.commanded.pose.position
+        assert stays(bench, 5.0, away) <= 0.05 * (1 + 1e-9)
+        assert norm(subtract(bench.core.commanded.pose.position, before)) <= 1.1 * max_lead_m
+    assert norm(subtract(bench.core.commanded.pose.position, start)) > 2.0 * max_lead_m
+    assert norm(subtract(bench.core.commanded.pose.position, away.position)) < 0.2 * max_lead_m
+    bench.hand()
+    bench.run(pose=away)
+    bench.hand(REST, "left")
+    bench.run(pose=away)
+    assert bench.core.phase is Phase.HOLDING
 
 
 def test_any_button_ends_a_recovery():
-    rig = Rig().drive()
-    away = pushed_away(rig, 0.12)
-    stays(rig, 0.1, away)
-    assert rig.core.phase is Phase.RECOVERING
-    rig.run(events=[ButtonEvent(rig.now_s, "right", True)], pose=away)
-    stays(rig, 0.1, away)
-    assert rig.core.phase is Phase.DISARMED
-    assert "ended by a button" in rig.status.message
-    assert stays(rig, 1.0, away) == 0.0
+    bench = Bench().drive()
+    away = pushed_away(bench, 0.12)
+    stays(bench, 0.1, away)
+    assert bench.core.phase is Phase.RECOVERING
+    bench.run(events=[ButtonEvent(bench.now_s, "right", True)], pose=away)
+    stays(bench, 0.1, away)
+    assert bench.core.phase is Phase.DISARMED
+    assert "ended by a button" in bench.status.message
+    assert stays(bench, 1.0, away) == 0.0
 
 
 def test_any_button_ends_the_easing_of_an_armed_arm_too():
-    rig = Rig().drive(0.3)
-    stuck = rig.robot.pose
+    bench = Bench().drive(0.3)
+    stuck = bench.robot.pose
     for _ in range(200):
-        rig.run(pose=stuck)
-    rig.hand(FORWARD)
+        bench.run(pose=stuck)
+    bench.hand(FORWARD)
     for _ in range(60):
-        rig.run(pose=stuck)
-    assert rig.core.phase is Phase.RECOVERING
-    assert "any button ends it" in rig.status.message
-    rig.run(events=[ButtonEvent(rig.now_s, "right", True)], pose=stuck)
-    stays(rig, 0.1, stuck)
-    assert stays(rig, 1.0, stuck) == 0.0
-    assert rig.core.phase is Phase.HOLDING
-    assert rig.status.trips == 0
+        bench.run(pose=stuck)
+    assert bench.core.phase is Phase.RECOVERING
+    assert "any button ends it" in bench.status.message
+    bench.run(events=[ButtonEvent(bench.now_s, "right", True)], pose=stuck)
+    stays(bench, 0.1, stuck)
+    assert stays(bench, 1.0, stuck) == 0.0
+    assert bench.core.phase is Phase.HOLDING
+    assert bench.status.trips == 0
 
 
 def test_a_recovery_can_be_switched_off():
-    rig = Rig(watchdogs=Watchdogs(recovery=False)).drive()
-    away = pushed_away(rig, 0.12)
-    stays(rig, 0.2, away)
-    assert stays(rig, 1.0, away) == 0.0
-    assert "recovery is switched off" in rig.status.message
+    bench = Bench(watchdogs=Watchdogs(recovery=False)).drive()
+    away = pushed_away(bench, 0.12)
+    stays(bench, 0.2, away)
+    assert stays(bench, 1.0, away) == 0.0
+    assert "recovery is switched off" in bench.status.message
 
 
 @pytest.mark.parametrize("jump_m", [0.2, 1e9])
 @pytest.mark.parametrize("driven", [False, True])
 def test_a_pose_that_jumps_is_not_believed_and_moves_nothing(jump_m, driven):
-    rig = Rig().arm()
+    bench = Bench().arm()
     if driven:
-        rig.hand(FORWARD, "left")
-        rig.run(0.5)
+        bench.hand(FORWARD, "left")
+        bench.run(0.5)
     else:
-        rig.hand()
-        rig.run(0.1)
-    here = rig.robot.pose
+        bench.hand()
+        bench.run(0.1)
+    here = bench.robot.pose
     there = Pose(subtract(here.position, Vector3(0.0, jump_m, 0.0)), IDENTITY)
-    trips = rig.status.trips
-    stays(rig, 0.15, there)
-    rested = rig.core.commanded.pose
+    trips = bench.status.trips
+    stays(bench, 0.15, there)
+    rested = bench.core.commanded.pose
     assert norm(subtract(rested.position, here.position)) < 0.006  # A braking way, if any.
-    assert stays(rig, 5.0, there) == 0.0
-    assert rig.core.commanded.pose == rested
-    assert rig.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
-    assert ("jumped by" if jump_m < 1.0 else "farther than any") in rig.status.message
-    assert rig.status.trips == trips + 1
+    assert stays(bench, 5.0, there) == 0.0
+    assert bench.core.commanded.pose == rested
+    assert bench.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
+    assert ("jumped by" if jump_m < 1.0 else "farther than any") in bench.status.message
+    assert bench.status.trips == trips + 1
     # A dead-man held through it does not re-arm; and the reading comes back.
-    stays(rig, TRUST_AFTER_S + 0.1, rested)
-    rig.hand()
-    rig.run(pose=rested)
-    rig.hand(REST, "left")
-    rig.run(pose=rested)
-    rig.hand()
-    rig.run(pose=rested)
-    rig.hand(REST, "left")
-    rig.run(pose=rested)
-    assert rig.core.phase is Phase.HOLDING
+    stays(bench, TRUST_AFTER_S + 0.1, rested)
+    bench.hand()
+    bench.run(pose=rested)
+    bench.hand(REST, "left")
+    bench.run(pose=rested)
+    bench.hand()
+    bench.run(pose=rested)
+    bench.hand(REST, "left")
+    bench.run(pose=rested)
+    assert bench.core.phase is Phase.HOLDING
 
 
 def test_an_arm_that_lags_stops_when_the_hand_lets_go():
-    rig = Rig().drive(0.3)
-    stuck = rig.robot.pose
+    bench = Bench().drive(0.3)
+    stuck = bench.robot.pose
     for _ in range(200):
-        rig.run(pose=stuck)
-    assert rig.status.lead_used > 0.9
-    rig.hand(FORWARD)
+        bench.run(pose=stuck)
+    assert bench.status.lead_used > 0.9
+    bench.hand(FORWARD)
     for _ in range(300):
-        rig.run(pose=stuck)
-    assert rig.core.at_rest
-    assert rig.status.lead_used < 0.15
-    assert rig.status.trips == 0
+        bench.run(pose=stuck)
+    assert bench.core.at_rest
+    assert bench.status.lead_used < 0.15
+    assert bench.status.trips == 0
 
 
 def test_stopping_brakes_and_stays():
-    rig = Rig().drive()
-    rig.core.inhibit("stopped by SIGTERM", Inhibit.FOR_GOOD)
-    rig.run().braked_within(0.1)
-    rig.hand()
-    rig.run()
-    rig.hand(FORWARD, "left")
-    rig.run(0.2)
-    assert rig.core.at_rest
-    assert rig.status.message == "stopped by SIGTERM"
+    bench = Bench().drive()
+    bench.core.inhibit("stopped by SIGTERM", Inhibit.FOR_GOOD)
+    bench.run().braked_within(0.1)
+    bench.hand()
+    bench.run()
+    bench.hand(FORWARD, "left")
+    bench.run(0.2)
+    assert bench.core.at_rest
+    assert bench.status.message == "stopped by SIGTERM"
 
 
 def test_gripper_needs_an_armed_hand():
-    rig = Rig(gripper=GripperOptions(toggle="right"))
+    bench = Bench(gripper=GripperOptions(toggle="right"))
     press = [ButtonEvent(0.0, "right", True)]
-    rig.run(events=press)
-    assert not rig.status.gripper_closed
-    rig.arm()
-    rig.run(events=press)
-    assert rig.status.gripper_closed
+    bench.run(events=press)
+    assert not bench.status.gripper_closed
+    bench.arm()
+    bench.run(events=press)
+    assert bench.status.gripper_closed
 
 
 def test_a_device_never_heard_keeps_everything_still():
-    rig = Rig()
-    rig.fresh = False
-    rig.device = DeviceState(
+    bench = Bench()
+    bench.fresh = False
+    bench.device = DeviceState(
         NEVER_S, DeviceLink.NEEDS_NEUTRAL, REST, frozenset(), reason="touch the cap once"
     )
-    rig.run(0.5)
-    assert rig.command == PoseCommand(START, ZERO_TWIST)
-    assert rig.status.message == "touch the cap once"
+    bench.run(0.5)
+    assert bench.command == PoseCommand(START, ZERO_TWIST)
+    assert bench.status.message == "touch the cap once"
 
 
 class Rule(TwistFilter):
@@ -477,40 +477,40 @@ def halved(twist):
 
 def test_filters_are_applied_in_their_order_and_shown():
     first, second = Rule(sideways), Rule(halved)
-    rig = Rig(filters=(first, second)).drive()
-    assert rig.core.reference.linear == pytest.approx((0, 0.05, 0))
+    bench = Bench(filters=(first, second)).drive()
+    assert bench.core.reference.linear == pytest.approx((0, 0.05, 0))
     assert second.given[-1].linear == pytest.approx((0, 0.1, 0))
-    assert rig.status.target.linear == pytest.approx((0, 0.05, 0))
-    assert rig.status.filters == ()
+    assert bench.status.target.linear == pytest.approx((0, 0.05, 0))
+    assert bench.status.filters == ()
     second.words = "half speed"
-    assert rig.status.filters == ("half speed",)
+    assert bench.status.filters == ("half speed",)
 
 
 def test_a_filter_is_called_once_a_tick_whatever_happens():
     rule = Rule(halved)
-    rig = Rig(filters=(rule,)).drive(0.1)
-    rig.run(0.1, link=RobotLink.LOST, hold_reason="silent", pose=None)
-    assert len(rule.given) == rig.robot.sequence
+    bench = Bench(filters=(rule,)).drive(0.1)
+    bench.run(0.1, link=RobotLink.LOST, hold_reason="silent", pose=None)
+    assert len(rule.given) == bench.robot.sequence
     assert rule.given[-1] == ZERO_TWIST
 
 
 def test_every_limit_holds_after_a_filter():
-    rig = Rig(filters=(Rule(faster),)).drive()
-    assert max(rig.speeds) == pytest.approx(ReferenceLimits().linear_speed_m_s)
+    bench = Bench(filters=(Rule(faster),)).drive()
+    assert max(bench.speeds) == pytest.approx(ReferenceLimits().linear_speed_m_s)
 
 
 def test_a_filter_that_stops_brakes_in_a_ramp_and_lets_go_on():
     rule = Rule(lambda twist: twist)
-    rig = Rig(filters=(rule,)).drive()
+    bench = Bench(filters=(rule,)).drive()
     rule.rule = lambda twist: ZERO_TWIST
-    rig.run()
-    assert rig.core.phase is Phase.BRAKING
-    rig.braked_within(0.1)
-    assert rig.core.phase is Phase.HOLDING
-    assert rig.status.trips == 0
+    bench.run()
+    assert bench.core.phase is Phase.BRAKING
+    bench.braked_within(0.1)
+    assert bench.core.phase is Phase.HOLDING
+    assert bench.status.trips == 0
     rule.rule = lambda twist: twist
-    rig.run(0.5)
-    assert rig.core.phase is Phase.MOVING
+    bench.run(0.5)
+    assert bench.core.phase is Phase.MOVING
 
 
 def raises(_twist):
@@ -528,35 +528,35 @@ def raises(_twist):
 )
 def test_a_filter_that_fails_takes_the_hand_off_the_robot(rule, words):
     good, bad, last = Rule(halved), Rule(lambda t: t, "mine"), Rule(halved)
-    rig = Rig(filters=(good, bad, last)).drive()
+    bench = Bench(filters=(good, bad, last)).drive()
     bad.rule = rule
-    rig.run()
-    assert rig.core.phase is Phase.BRAKING
+    bench.run()
+    assert bench.core.phase is Phase.BRAKING
     assert last.given[-1] == ZERO_TWIST
-    rig.braked_within(0.05)
-    assert rig.core.phase is Phase.DISARMED
-    assert rig.status.message.startswith("the filter mine ")
-    assert words in rig.status.message
-    rig.arm().run(0.1)
-    assert rig.core.phase is Phase.DISARMED
-    assert rig.status.trips == 1
+    bench.braked_within(0.05)
+    assert bench.core.phase is Phase.DISARMED
+    assert bench.status.message.startswith("the filter mine ")
+    assert words in bench.status.message
+    bench.arm().run(0.1)
+    assert bench.core.phase is Phase.DISARMED
+    assert bench.status.trips == 1
     bad.rule = lambda t: t
-    rig.run(0.1)
-    assert rig.core.phase is Phase.DISARMED
-    rig.drive()
+    bench.run(0.1)
+    assert bench.core.phase is Phase.DISARMED
+    bench.drive()
 
 
 def test_without_a_deadman_a_failing_filter_trips_once():
     rule = Rule(halved)
-    rig = Rig(deadman=(), filters=(rule,)).run()
+    bench = Bench(deadman=(), filters=(rule,)).run()
     rule.rule = raises
-    rig.run(0.5)
-    assert rig.status.trips == 1
+    bench.run(0.5)
+    assert bench.status.trips == 1
     rule.rule = halved
-    rig.run()
-    assert rig.core.phase is Phase.DISARMED
-    rig.run()
-    assert rig.core.phase is Phase.HOLDING
+    bench.run()
+    assert bench.core.phase is Phase.DISARMED
+    bench.run()
+    assert bench.core.phase is Phase.HOLDING
 
 
 class Model(TaskSpaceArm):
@@ -573,7 +573,7 @@ def test_filters_see_the_pose_of_the_arms_model_where_there_is_one():
     seen = []
     rule = Rule(halved)
     rule.apply = lambda twist, robot: seen.append(robot.pose) or twist
-    rig = Rig(filters=(rule,))
-    rig.core.commanded = Model(ReferenceLimits())
-    rig.run(pose=None)
+    bench = Bench(filters=(rule,))
+    bench.core.commanded = Model(ReferenceLimits())
+    bench.run(pose=None)
     assert seen == [START]

@@ -109,41 +109,41 @@ class Driven:
 
 
 def test_a_new_session_while_moving_goes_on_in_a_ramp_from_the_speed_the_robot_has():
-    rig = Driven().drive()
-    speed = rig.twist.linear.x
-    rig.run(session=2)
-    assert rig.core.phase is Phase.BRAKING
+    bench = Driven().drive()
+    speed = bench.twist.linear.x
+    bench.run(session=2)
+    assert bench.core.phase is Phase.BRAKING
     most = LIMITS.linear_acceleration_m_s2 * PERIOD_S
-    assert rig.twist.linear.x == pytest.approx(speed - most, abs=1e-9)
-    rig.run(speed / LIMITS.linear_acceleration_m_s2 + 2 * PERIOD_S)
-    assert rig.core.at_rest
-    assert rig.core.phase is Phase.DISARMED
-    assert "new session" in rig.status.message
-    assert rig.status.trips == 1
-    before = rig.command.pose
-    rig.run(0.5)  # The hand insists: that does not re-arm.
-    assert rig.command.pose == before
-    rig.drive()
+    assert bench.twist.linear.x == pytest.approx(speed - most, abs=1e-9)
+    bench.run(speed / LIMITS.linear_acceleration_m_s2 + 2 * PERIOD_S)
+    assert bench.core.at_rest
+    assert bench.core.phase is Phase.DISARMED
+    assert "new session" in bench.status.message
+    assert bench.status.trips == 1
+    before = bench.command.pose
+    bench.run(0.5)  # The hand insists: that does not re-arm.
+    assert bench.command.pose == before
+    bench.drive()
 
 
 def test_a_robot_that_was_slower_than_commanded_is_braked_from_its_own_speed():
-    rig = Driven().drive(0.3)
-    rig.follows = 0.5
-    rig.run(0.1)
-    speed = rig.twist.linear.x
-    rig.run(session=2)
-    assert 0.5 * speed - 0.005 < rig.twist.linear.x < 0.5 * speed
-    assert norm(subtract(rig.command.pose.position, rig.robot.pose.position)) < 1e-3
+    bench = Driven().drive(0.3)
+    bench.follows = 0.5
+    bench.run(0.1)
+    speed = bench.twist.linear.x
+    bench.run(session=2)
+    assert 0.5 * speed - 0.005 < bench.twist.linear.x < 0.5 * speed
+    assert norm(subtract(bench.command.pose.position, bench.robot.pose.position)) < 1e-3
 
 
 def test_a_new_session_of_a_robot_that_is_elsewhere_begins_there_at_rest():
-    rig = Driven().drive()
-    rig.command = HoldCommand()  # There is no ramp to keep: it does not obey the old command.
+    bench = Driven().drive()
+    bench.command = HoldCommand()  # There is no ramp to keep: it does not obey the old command.
     there = Pose(Vector3(0.3, 0.3, 0.6), IDENTITY)
-    rig.run(session=2, pose=there)
-    assert rig.command.pose == there
-    assert rig.twist.linear == ZERO3
-    assert rig.core.phase is Phase.DISARMED
+    bench.run(session=2, pose=there)
+    assert bench.command.pose == there
+    assert bench.twist.linear == ZERO3
+    assert bench.core.phase is Phase.DISARMED
 
 
 def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
@@ -197,33 +197,33 @@ def too_fast(command):
 )
 def test_a_command_that_no_limit_allows_is_held_back_and_said(nonsense, words):
     commanded = Broken(LIMITS)
-    rig = Driven(commanded).drive()
-    rig.command = HoldCommand()  # The commanded motion breaks off: no command is better.
+    bench = Driven(commanded).drive()
+    bench.command = HoldCommand()  # The commanded motion breaks off: no command is better.
     commanded.nonsense = nonsense
-    rig.run()
-    assert rig.command == HoldCommand()
-    assert rig.core.phase is Phase.DISARMED
-    assert "an invalid command was not sent" in rig.status.message
-    assert words in rig.status.message
-    assert rig.status.trips == 1
+    bench.run()
+    assert bench.command == HoldCommand()
+    assert bench.core.phase is Phase.DISARMED
+    assert "an invalid command was not sent" in bench.status.message
+    assert words in bench.status.message
+    assert bench.status.trips == 1
     commanded.nonsense = None
-    rig.run(0.3)
-    assert rig.core.at_rest
-    assert rig.core.phase is Phase.DISARMED
-    assert "an invalid command was not sent" in rig.status.message
-    rig.drive()
+    bench.run(0.3)
+    assert bench.core.at_rest
+    assert bench.core.phase is Phase.DISARMED
+    assert "an invalid command was not sent" in bench.status.message
+    bench.drive()
 
 
 def test_nonsense_that_goes_on_never_reaches_the_robot():
     commanded = Broken(LIMITS)
-    rig = Driven(commanded).drive()
-    rig.command, commanded.nonsense = HoldCommand(), not_a_number
+    bench = Driven(commanded).drive()
+    bench.command, commanded.nonsense = HoldCommand(), not_a_number
     for _ in range(50):
-        rig.run()
-        assert rig.command == HoldCommand()
-    assert rig.core.at_rest
-    rig.arm().run(0.1)
-    assert rig.command == HoldCommand()
+        bench.run()
+        assert bench.command == HoldCommand()
+    assert bench.core.at_rest
+    bench.arm().run(0.1)
+    assert bench.command == HoldCommand()
 
 
 def test_a_lost_datagram_while_joints_accelerate_fully_is_no_nonsense():
@@ -419,47 +419,47 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
 
 
 def test_holding_off_brakes_each_source_and_bars_until_it_is_lifted():
-    rig = Driven().drive()
-    rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
-    rig.run()
-    assert rig.core.phase is Phase.BRAKING
-    rig.run(0.3)
-    rig.arm()
-    assert rig.core.phase is Phase.DISARMED
-    assert rig.status.message == "the supervisor is silent"
-    rig.core.inhibit("", Inhibit.WHILE_SAID)
-    rig.drive()
+    bench = Driven().drive()
+    bench.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
+    bench.run()
+    assert bench.core.phase is Phase.BRAKING
+    bench.run(0.3)
+    bench.arm()
+    assert bench.core.phase is Phase.DISARMED
+    assert bench.status.message == "the supervisor is silent"
+    bench.core.inhibit("", Inhibit.WHILE_SAID)
+    bench.drive()
 
 
 def test_a_trip_from_outside_is_one_trip_and_none_where_nobody_moves_the_arm():
-    rig = Driven().run(0.1)
-    rig.core.inhibit("nobody is there", Inhibit.ONCE)
-    rig.run(0.1)
-    assert rig.status.trips == 0
-    rig.drive()
-    rig.core.inhibit("the guard says no", Inhibit.ONCE)
-    rig.run(0.3)
-    assert rig.status.trips == 1
-    assert "the guard says no" in rig.status.message
+    bench = Driven().run(0.1)
+    bench.core.inhibit("nobody is there", Inhibit.ONCE)
+    bench.run(0.1)
+    assert bench.status.trips == 0
+    bench.drive()
+    bench.core.inhibit("the guard says no", Inhibit.ONCE)
+    bench.run(0.3)
+    assert bench.status.trips == 1
+    assert "the guard says no" in bench.status.message
 
 
 def test_the_end_of_a_session_is_said_also_where_the_robot_is_not_ready():
-    rig = Driven().run(0.1, hold_reason="the motors are off")
-    assert rig.status.message == "the motors are off"
-    rig.core.inhibit("stopped on request", Inhibit.FOR_GOOD)
-    assert rig.status.message == "stopped on request"
+    bench = Driven().run(0.1, hold_reason="the motors are off")
+    assert bench.status.message == "the motors are off"
+    bench.core.inhibit("stopped on request", Inhibit.FOR_GOOD)
+    assert bench.status.message == "stopped on request"
 
 
 def test_an_acknowledgment_comes_too_early_while_readings_jump():
-    rig = Driven().drive()
-    there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)
-    rig.command = HoldCommand()
-    rig.run(pose=there)
-    assert "wait until the measured position is steady" in rig.core.acknowledge()
+    bench = Driven().drive()
+    there = Pose(add(bench.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)
+    bench.command = HoldCommand()
+    bench.run(pose=there)
+    assert "wait until the measured position is steady" in bench.core.acknowledge()
     for _ in range(math.ceil(TRUST_AFTER_S / PERIOD_S) + 1):
-        rig.run(pose=there)
-    assert rig.core.acknowledge() == ""
-    assert rig.core.supervision.implausible == ""
+        bench.run(pose=there)
+    assert bench.core.acknowledge() == ""
+    assert bench.core.supervision.implausible == ""
 
 
 def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():

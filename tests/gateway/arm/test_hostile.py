@@ -32,7 +32,7 @@ from tests.gateway.arm.random_walk import Walk
 from tests.gateway.arm.test_controller_device import (
     FORWARD,
     REST,
-    Rig,
+    Bench,
     Rule,
     pushed_away,
     raises,
@@ -61,12 +61,12 @@ def planned_meanwhile(world, what):
 
 
 def test_one_state_of_no_numbers_brakes_in_a_ramp():
-    rig = Rig().drive()
-    good = rig.robot.pose
-    rig.run(pose=good._replace(position=Vector3(float("nan"), 0.0, 0.0)))
-    rig.run(pose=add_x(good, 2 * 0.1 * DT_S))
-    assert rig.speeds[-1] > 0.08
-    rig.braked_within(0.1)
+    bench = Bench().drive()
+    good = bench.robot.pose
+    bench.run(pose=good._replace(position=Vector3(float("nan"), 0.0, 0.0)))
+    bench.run(pose=add_x(good, 2 * 0.1 * DT_S))
+    assert bench.speeds[-1] > 0.08
+    bench.braked_within(0.1)
 
 
 def add_x(pose, way_m):
@@ -74,35 +74,35 @@ def add_x(pose, way_m):
 
 
 def test_a_stall_while_readings_are_not_believed_places_nothing_there():
-    rig = Rig().drive()
-    here = rig.core.commanded.pose.position
-    there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
-    rig.run(pose=there)
-    assert rig.core.supervision.implausible
-    rig.now_s += 0.2
+    bench = Bench().drive()
+    here = bench.core.commanded.pose.position
+    there = Pose(add(bench.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
+    bench.run(pose=there)
+    assert bench.core.supervision.implausible
+    bench.now_s += 0.2
     for _ in range(100):
-        rig.run(pose=there)
-        assert norm(subtract(rig.core.commanded.pose.position, here)) < 0.02
-        if isinstance(rig.command, PoseCommand):
-            assert norm(subtract(rig.command.pose.position, here)) < 0.02
+        bench.run(pose=there)
+        assert norm(subtract(bench.core.commanded.pose.position, here)) < 0.02
+        if isinstance(bench.command, PoseCommand):
+            assert norm(subtract(bench.command.pose.position, here)) < 0.02
 
 
 def test_a_jump_is_forgotten_with_the_session_it_was_in():
-    rig = Rig().arm()
-    here = rig.robot.pose
-    rig.run(0.02, link=RobotLink.LOST)
+    bench = Bench().arm()
+    here = bench.robot.pose
+    bench.run(0.02, link=RobotLink.LOST)
     away = Pose(add(here.position, Vector3(0.0, 0.5, 0.0)), IDENTITY)
-    rig.run(link=RobotLink.LIVE, pose=away)
-    assert rig.core.supervision.implausible
-    rig.run(0.1, session=2)
-    rig.drive()
-    there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
-    rig.hand()
-    stays(rig, TRUST_AFTER_S + 0.3, there)
-    rested = rig.core.commanded.pose
-    rig.core.acknowledge()
-    rig.run(pose=there)
-    assert norm(subtract(rig.core.commanded.pose.position, rested.position)) < 1e-4
+    bench.run(link=RobotLink.LIVE, pose=away)
+    assert bench.core.supervision.implausible
+    bench.run(0.1, session=2)
+    bench.drive()
+    there = Pose(add(bench.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
+    bench.hand()
+    stays(bench, TRUST_AFTER_S + 0.3, there)
+    rested = bench.core.commanded.pose
+    bench.core.acknowledge()
+    bench.run(pose=there)
+    assert norm(subtract(bench.core.commanded.pose.position, rested.position)) < 1e-4
 
 
 def test_readings_that_jump_are_not_caught_by_torques():
@@ -182,65 +182,65 @@ def test_a_robot_whose_clock_stands_still_is_braked(period_s):
 
 
 def test_a_stop_while_it_still_brakes_keeps_a_recovery_from_beginning():
-    rig = Rig().drive()
+    bench = Bench().drive()
     away = None
-    here = rig.robot.pose
+    here = bench.robot.pose
     for step in range(1, 100):
         away = Pose(subtract(here.position, Vector3(0.0, step * DT_S, 0.0)), IDENTITY)
-        rig.run(pose=away)
-        if rig.core.recovering:
+        bench.run(pose=away)
+        if bench.core.recovering:
             break
-    assert rig.core.phase is Phase.BRAKING
-    rig.core.stop("stopped")
-    stays(rig, 0.3, away)
-    assert stays(rig, 2.0, away) == 0.0
-    assert rig.status.message
+    assert bench.core.phase is Phase.BRAKING
+    bench.core.stop("stopped")
+    stays(bench, 0.3, away)
+    assert stays(bench, 2.0, away) == 0.0
+    assert bench.status.message
 
 
-def nobody_may_drive(rig, how):
+def nobody_may_drive(bench, how):
     if how == "stop":
-        rig.core.inhibit("enough", Inhibit.FOR_GOOD)
+        bench.core.inhibit("enough", Inhibit.FOR_GOOD)
     elif how == "silence":
-        rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
+        bench.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
     else:
-        rig.robot = rig.robot._replace(alarm="the port is flooded")
+        bench.robot = bench.robot._replace(alarm="the port is flooded")
 
 
 @pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
 def test_nothing_is_brought_back_while_nobody_may_drive(how):
-    rig = Rig().drive()
-    away = pushed_away(rig, 0.12)
-    stays(rig, 0.1, away)
-    assert rig.core.phase is Phase.RECOVERING
-    nobody_may_drive(rig, how)
-    stays(rig, 0.1, away)
-    assert stays(rig, 2.0, away) == 0.0
-    assert rig.core.phase is Phase.DISARMED
-    rig.core.inhibit("", Inhibit.WHILE_SAID)
-    rig.robot = rig.robot._replace(alarm="")
-    assert stays(rig, 2.0, away) == 0.0
+    bench = Bench().drive()
+    away = pushed_away(bench, 0.12)
+    stays(bench, 0.1, away)
+    assert bench.core.phase is Phase.RECOVERING
+    nobody_may_drive(bench, how)
+    stays(bench, 0.1, away)
+    assert stays(bench, 2.0, away) == 0.0
+    assert bench.core.phase is Phase.DISARMED
+    bench.core.inhibit("", Inhibit.WHILE_SAID)
+    bench.robot = bench.robot._replace(alarm="")
+    assert stays(bench, 2.0, away) == 0.0
 
 
 @pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
 @pytest.mark.parametrize("way_m", [0.04, 0.12])
 def test_nothing_begins_to_be_brought_back_while_nobody_may_drive(how, way_m):
-    rig = Rig().arm()
-    nobody_may_drive(rig, how)
-    rig.run()
-    away = pushed_away(rig, way_m)
-    assert stays(rig, 2.0, away) == 0.0
-    assert rig.status.message
+    bench = Bench().arm()
+    nobody_may_drive(bench, how)
+    bench.run()
+    away = pushed_away(bench, way_m)
+    assert stays(bench, 2.0, away) == 0.0
+    assert bench.status.message
 
 
 def test_readings_that_wander_lead_no_arm_away():
-    rig = Rig().arm()
-    start = rig.core.commanded.pose.position
+    bench = Bench().arm()
+    start = bench.core.commanded.pose.position
     for _ in range(10):
         for offset_m in (0.03, 0.0):
             for _ in range(120):
-                here = rig.core.commanded.pose
-                rig.run(pose=Pose(add(here.position, Vector3(offset_m, 0.0, 0.0)), IDENTITY))
-    went = norm(subtract(rig.core.commanded.pose.position, start))
+                here = bench.core.commanded.pose
+                bench.run(pose=Pose(add(here.position, Vector3(offset_m, 0.0, 0.0)), IDENTITY))
+    went = norm(subtract(bench.core.commanded.pose.position, start))
     assert went <= 1.1 * ReferenceLimits().max_lead_m
 
 
@@ -291,26 +291,26 @@ def test_a_pose_that_waited_for_the_planner_is_not_gone_to():
 
 def test_a_clutch_let_go_as_a_filter_fails_is_let_go():
     fails = Rule(lambda twist: twist)
-    rig = Rig(deadman=(), filters=[fails])
-    rig.core = controller_for_device(MappingOptions(clutch="left"), filters=[fails])
-    rig.hand()
-    rig.run(0.1)
-    rig.hand(REST, "left")
-    rig.run(events=[ButtonEvent(rig.now_s, "left", True)])
-    rig.hand()
-    rig.run(events=[ButtonEvent(rig.now_s, "left", False)])
-    rig.hand(FORWARD)
-    rig.run(0.3)
-    assert rig.core.phase is Phase.MOVING
+    bench = Bench(deadman=(), filters=[fails])
+    bench.core = controller_for_device(MappingOptions(clutch="left"), filters=[fails])
+    bench.hand()
+    bench.run(0.1)
+    bench.hand(REST, "left")
+    bench.run(events=[ButtonEvent(bench.now_s, "left", True)])
+    bench.hand()
+    bench.run(events=[ButtonEvent(bench.now_s, "left", False)])
+    bench.hand(FORWARD)
+    bench.run(0.3)
+    assert bench.core.phase is Phase.MOVING
     fails.rule = raises
-    rig.hand(FORWARD, "left")
-    rig.run(events=[ButtonEvent(rig.now_s, "left", True)])
+    bench.hand(FORWARD, "left")
+    bench.run(events=[ButtonEvent(bench.now_s, "left", True)])
     fails.rule = lambda twist: twist
-    rig.hand(FORWARD)
-    rig.run(0.3, events=[ButtonEvent(rig.now_s, "left", False)])
-    rig.run(0.3)
-    assert rig.core.at_rest
-    assert rig.core.phase is Phase.DISARMED
+    bench.hand(FORWARD)
+    bench.run(0.3, events=[ButtonEvent(bench.now_s, "left", False)])
+    bench.run(0.3)
+    assert bench.core.at_rest
+    assert bench.core.phase is Phase.DISARMED
 
 
 @pytest.mark.parametrize("how", ["stop", "request_stop", "hand", "lost"])

@@ -8,7 +8,7 @@ from cardan.gateway.bus.commands import Instant
 from cardan.protocols.ros2.actions import KEPT, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.gateway.bus.rig import Asked, Bench, ros_pose
+from tests.gateway.bus.bench import Asked, Bench, ros_pose
 
 MOTIONS = ("movj", "relj", "movl", "movv", "forc", "gcmp")
 

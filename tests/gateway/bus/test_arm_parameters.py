@@ -6,7 +6,7 @@ from cardan.gateway.arm.parameters import RULES
 from cardan.gateway.arm.vocab import Parameter
 from cardan.gateway.bus.arm_parameters import MAX_SET, PARAMETERS
 from cardan.protocols.ros2.messages import default_message
-from tests.gateway.bus.rig import NODE, Bench
+from tests.gateway.bus.bench import NODE, Bench
 
 PAPER = (
     "preset_streaming_cmd", "frame", "gain", "trajectory_duration", "trajectory_reference_speed",

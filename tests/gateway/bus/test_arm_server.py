@@ -10,7 +10,7 @@ from cardan.bus.node import gid_of_token
 from cardan.gateway.arm.vocab import State, Stream
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.gateway.bus.rig import NODE, Asked, Bench, ros_pose
+from tests.gateway.bus.bench import NODE, Asked, Bench, ros_pose
 
 DT_S = 4e-3
 DOWN = {"linear": {"x": 0.0, "y": 0.0, "z": -0.02}}

@@ -17,7 +17,7 @@ from cardan.protocols.ros2.cdr import Codec
 from cardan.spatial import compose
 from cardan.types import Pose, Quaternion, Vector3, Wrench
 from tests.gateway.arm.arms import World
-from tests.gateway.bus.rig import FakeNode
+from tests.gateway.bus.bench import FakeNode
 
 NOW_NS = 5_000_000_007
 TOOL = Pose(Vector3(0.0, 0.0, 0.1), Quaternion(1.0, 0.0, 0.0, 0.0))

@@ -17,7 +17,7 @@ from cardan.gateway.bus.compatibility import (
 from cardan.gateway.bus.sources import BEGINS_S, STREAM_KEPT_S
 from cardan.protocols.ros2.cdr import Codec, codec_of
 from cardan.types import CommandKind, RobotLink
-from tests.gateway.bus.rig import Bench, ros_pose
+from tests.gateway.bus.bench import Bench, ros_pose
 
 DT_S = 0.004
 WITHOUT_TORQUE = frozenset({CommandKind.JOINT})

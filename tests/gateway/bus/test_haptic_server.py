@@ -41,7 +41,7 @@ class Taken:
         return self.why_not
 
 
-class Rig:
+class Bench:
     def __init__(self, device=None, served=True, mode="cartesian"):
         self.node, self.feedback = FakeNode(), Taken()
         self.device = device or FakeHaptic()
@@ -87,53 +87,53 @@ def test_the_tables_have_the_names_of_the_wrapper_and_of_the_paper():
 
 
 def test_the_state_is_published_in_the_frame_of_the_transformation():
-    rig = Rig()
-    rig.device.pose = Pose(Vector3(0.02, 0.01, 0.0), IDENTITY)
-    rig.device.told = rig.device.told._replace(force=Vector3(0.5, 0.0, 0.0))
-    rig.device.buttons = frozenset({"button_2"})
-    rig.haptic.set_transformation(Pose(Vector3(10.0, 20.0, 30.0), QUARTER))
-    rig.run(0.2)
-    pose = rig.told("state/pose")[-1]
+    bench = Bench()
+    bench.device.pose = Pose(Vector3(0.02, 0.01, 0.0), IDENTITY)
+    bench.device.told = bench.device.told._replace(force=Vector3(0.5, 0.0, 0.0))
+    bench.device.buttons = frozenset({"button_2"})
+    bench.haptic.set_transformation(Pose(Vector3(10.0, 20.0, 30.0), QUARTER))
+    bench.run(0.2)
+    pose = bench.told("state/pose")[-1]
     assert pose["position"] == pytest.approx({"x": 9.99, "y": 20.02, "z": 30.0})
     assert pose["orientation"] == pytest.approx({"x": 0, "y": 0, "z": QUARTER.z, "w": QUARTER.w})
-    assert rig.told("state/buttons")[-1]["data"] == [0, 1]
+    assert bench.told("state/buttons")[-1]["data"] == [0, 1]
     # The rotation alone acts on a force.
-    force = rig.told("state/force_feedback")[-1]["force"]
+    force = bench.told("state/force_feedback")[-1]["force"]
     assert force == pytest.approx({"x": 0.0, "y": 0.5, "z": 0.0})
-    transform = rig.told("state/transform")[-1]
+    transform = bench.told("state/transform")[-1]
     assert transform["translation"] == {"x": 10.0, "y": 20.0, "z": 30.0}
-    assert rig.told("state/force_mode")[-1]["data"] is True
-    assert len(rig.told("state/pose")) == pytest.approx(10, abs=1)
-    rig.device.buttons = frozenset()
-    rig.run(0.1)
-    assert rig.told("state/buttons")[-1]["data"] == [0, 0]
+    assert bench.told("state/force_mode")[-1]["data"] is True
+    assert len(bench.told("state/pose")) == pytest.approx(10, abs=1)
+    bench.device.buttons = frozenset()
+    bench.run(0.1)
+    assert bench.told("state/buttons")[-1]["data"] == [0, 0]
 
 
 def test_a_device_without_a_pose_publishes_none(monkeypatch):
-    rig = Rig()
+    bench = Bench()
 
     def nowhere():
         raise DriverError("it is in the inkwell")
 
-    monkeypatch.setattr(rig.device, "measured_pose", nowhere)
-    rig.run(0.1)
-    assert rig.told("state/pose") == []
-    assert rig.told("state/buttons")
+    monkeypatch.setattr(bench.device, "measured_pose", nowhere)
+    bench.run(0.1)
+    assert bench.told("state/pose") == []
+    assert bench.told("state/buttons")
 
 
 def test_feedback_is_taken_in_both_types():
-    rig = Rig()
-    rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.2, "z": 0.3})
-    rig.run()
-    paper = rig.publisher(JOINTS, user="paper")
+    bench = Bench()
+    bench.publisher(VECTOR).publish({"x": 0.1, "y": 0.2, "z": 0.3})
+    bench.run()
+    paper = bench.publisher(JOINTS, user="paper")
     paper.publish(completed(JOINTS, {"effort": [0.4, 0.5, 0.6]}))
-    rig.run()
-    (first, _, one), (second, _, two) = rig.feedback.given
+    bench.run()
+    (first, _, one), (second, _, two) = bench.feedback.given
     assert (one, two) == ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
     assert first != second
-    accepted = [each for each in rig.told("result") if each["outcome"] == "accepted"]
+    accepted = [each for each in bench.told("result") if each["outcome"] == "accepted"]
     assert [each["command"] for each in accepted] == ["feedback", "feedback"]
-    assert rig.server.refused == 0
+    assert bench.server.refused == 0
 
 
 @pytest.mark.parametrize(
@@ -145,100 +145,100 @@ def test_feedback_is_taken_in_both_types():
     ],
 )
 def test_bad_feedback_is_refused_with_a_reason_once(type_name, message, words):
-    rig = Rig()
-    user = rig.publisher(type_name)
+    bench = Bench()
+    user = bench.publisher(type_name)
     for _ in range(3):
         user.publish(completed(type_name, message))
-    rig.run()
-    assert rig.feedback.given == []
-    assert rig.server.refused == 3
-    (result,) = rig.told("result")
+    bench.run()
+    assert bench.feedback.given == []
+    assert bench.server.refused == 3
+    (result,) = bench.told("result")
     assert words in result["reason"]
     assert (result["outcome"], result["success"]) == ("refused", False)
-    assert "3 messages or requests refused" in rig.server.part().message
+    assert "3 messages or requests refused" in bench.server.part().message
 
 
 def test_what_the_session_refuses_is_told_and_taking_again_too():
-    rig = Rig()
-    user = rig.publisher(VECTOR)
+    bench = Bench()
+    user = bench.publisher(VECTOR)
     for why in ("not now", "not now", "", ""):
-        rig.feedback.why_not = why
+        bench.feedback.why_not = why
         user.publish({"x": 0.0, "y": 0.0, "z": 0.0})
-        rig.run()
-    assert [each["outcome"] for each in rig.told("result")] == ["refused", "accepted"]
+        bench.run()
+    assert [each["outcome"] for each in bench.told("result")] == ["refused", "accepted"]
 
 
 def test_while_another_has_the_name_nothing_is_taken_but_a_stop():
-    rig = Rig()
-    rig.server.inhibited = why = "another node has the name /stylus"
-    rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
-    rig.run()
-    assert rig.feedback.given == []
-    assert rig.told("result")[-1]["reason"] == f"feedback: {why}"
-    before = rig.haptic.get_transformation()
+    bench = Bench()
+    bench.server.inhibited = why = "another node has the name /stylus"
+    bench.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
+    bench.run()
+    assert bench.feedback.given == []
+    assert bench.told("result")[-1]["reason"] == f"feedback: {why}"
+    before = bench.haptic.get_transformation()
     transform = {"translation": {"x": 1.0, "y": 0.0, "z": 0.0}, "rotation": {"w": 1.0}}
-    rig.call("set_transform", f"{YARP}SetTransformation", transform=transform)
-    assert rig.haptic.get_transformation() == before
-    assert not rig.call("set_force_mode", SET_BOOL, data=False)["success"]
+    bench.call("set_transform", f"{YARP}SetTransformation", transform=transform)
+    assert bench.haptic.get_transformation() == before
+    assert not bench.call("set_force_mode", SET_BOOL, data=False)["success"]
     kind = "rcl_interfaces/srv/SetParameters"
     mode = {"name": "mode_feedback", "value": {"type": 4, "string_value": "joint"}}
-    (result,) = rig.call("set_parameters", kind, parameters=[mode])["results"]
+    (result,) = bench.call("set_parameters", kind, parameters=[mode])["results"]
     assert why in result["reason"]
-    assert rig.call("state/force_mode", TRIGGER)["message"] == "cartesian"
-    assert rig.call("stop_feedback", TRIGGER)["success"]
-    assert rig.feedback.stops == 1
-    rig.server.inhibited = ""
-    rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
-    rig.run()
-    assert len(rig.feedback.given) == 1
+    assert bench.call("state/force_mode", TRIGGER)["message"] == "cartesian"
+    assert bench.call("stop_feedback", TRIGGER)["success"]
+    assert bench.feedback.stops == 1
+    bench.server.inhibited = ""
+    bench.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
+    bench.run()
+    assert len(bench.feedback.given) == 1
 
 
 def test_bytes_that_are_no_message_are_refused():
-    rig = Rig()
-    user = rig.publisher(VECTOR)
+    bench = Bench()
+    user = bench.publisher(VECTOR)
     user.publish({"x": 0.0, "y": 0.0, "z": 0.0})
-    queue = rig.node.queues["~/feedback"].waiting
+    queue = bench.node.queues["~/feedback"].waiting
     queue[0] = queue[0]._replace(data=b"\0\1\0\0junk")
-    rig.run()
-    assert rig.feedback.given == []
-    assert rig.server.refused == 1
+    bench.run()
+    assert bench.feedback.given == []
+    assert bench.server.refused == 1
 
 
 def test_what_is_far_too_long_is_not_even_read():
-    rig = Rig()
-    rig.publisher(JOINTS).publish(completed(JOINTS, {"effort": [0.0] * 100_000}))
-    rig.run()
-    assert "bytes are no sensor_msgs/msg/JointState" in rig.told("result")[0]["reason"]
-    client = FakeUser(rig.node, "SC", "~/set_parameters", "rcl_interfaces/srv/SetParameters")
+    bench = Bench()
+    bench.publisher(JOINTS).publish(completed(JOINTS, {"effort": [0.0] * 100_000}))
+    bench.run()
+    assert "bytes are no sensor_msgs/msg/JointState" in bench.told("result")[0]["reason"]
+    client = FakeUser(bench.node, "SC", "~/set_parameters", "rcl_interfaces/srv/SetParameters")
     given = completed("rcl_interfaces/msg/Parameter", {"name": "mode_feedback"})
     asked = client.ask({"parameters": [given] * 1000})
-    rig.run()
+    bench.run()
     answer = codec_of("rcl_interfaces/srv/SetParameters_Response").decode(asked.answer)
     (result,) = answer["results"]
     assert "bytes are no rcl_interfaces/srv/SetParameters_Request" in result["reason"]
-    assert (rig.feedback.given, rig.server.refused) == ([], 2)
+    assert (bench.feedback.given, bench.server.refused) == ([], 2)
 
 
 def test_a_publisher_that_is_no_ros_node_is_taken_too():
-    rig = Rig()
-    user = rig.publisher(VECTOR)
+    bench = Bench()
+    user = bench.publisher(VECTOR)
     for _ in range(2):
         user.publish({"x": 0.1, "y": 0.0, "z": 0.0}, attached=False)
-    rig.run()
-    assert [sequence for _, sequence, _ in rig.feedback.given] == [1, 2]
+    bench.run()
+    assert [sequence for _, sequence, _ in bench.feedback.given] == [1, 2]
 
 
 @pytest.mark.parametrize("name", ["get_max_feedback", "state/max_force_feedback"])
 def test_the_largest_feedback_is_told(name):
-    rig = Rig(TorqueHaptic())
-    answer = rig.call(name, f"{YARP}GetMaxFeedback")
+    bench = Bench(TorqueHaptic())
+    answer = bench.call(name, f"{YARP}GetMaxFeedback")
     assert answer == {
         "max_feedback": {"x": 3.0, "y": 3.0, "z": 3.0},
         "response": "NOT_SPECIFIED",
         "success": True,
     }
-    rig.haptic.set_joint_torque_mode()
-    torque = rig.call(name, f"{YARP}GetMaxFeedback")["max_feedback"]
+    bench.haptic.set_joint_torque_mode()
+    torque = bench.call(name, f"{YARP}GetMaxFeedback")["max_feedback"]
     assert torque == {"x": 0.35, "y": 0.35, "z": 0.35}  # N·m
 
 
@@ -247,51 +247,51 @@ def test_the_largest_feedback_is_told(name):
     [("set_transform", "get_transform"), ("set_transformation", "state/transform")],
 )
 def test_the_transformation_is_set_and_got(setter, getter):
-    rig = Rig()
+    bench = Bench()
     wanted = {
         "translation": {"x": 1.0, "y": 2.0, "z": 3.0},
         "rotation": {"x": 0.0, "y": 0.0, "z": QUARTER.z, "w": QUARTER.w},
     }
-    answer = rig.call(setter, f"{YARP}SetTransformation", transform=wanted)
+    answer = bench.call(setter, f"{YARP}SetTransformation", transform=wanted)
     assert answer["success"]
-    told = rig.call(getter, f"{YARP}GetTransformation")
+    told = bench.call(getter, f"{YARP}GetTransformation")
     assert told["success"]
     assert told["transform"]["translation"] == wanted["translation"]
     assert told["transform"]["rotation"] == pytest.approx(wanted["rotation"])
 
 
 def test_a_transformation_that_is_none_is_refused_and_changes_nothing():
-    rig = Rig()
+    bench = Bench()
     flat = {"rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}}
     for given in (flat, {"translation": {"x": math.nan, "y": 0.0, "z": 0.0}}):
-        answer = rig.call("set_transform", f"{YARP}SetTransformation", transform=given)
+        answer = bench.call("set_transform", f"{YARP}SetTransformation", transform=given)
         assert not answer["success"]
         assert "the transformation" in answer["response"]
-    assert rig.haptic.get_transformation() == Pose(ZERO3, IDENTITY)
-    assert rig.server.refused == 2
+    assert bench.haptic.get_transformation() == Pose(ZERO3, IDENTITY)
+    assert bench.server.refused == 2
 
 
 def test_the_transformation_comes_as_a_topic_of_older_clients_too():
-    rig = Rig()
+    bench = Bench()
     transform = "geometry_msgs/msg/Transform"
-    rig.publisher(transform, "set_transformation").publish(
+    bench.publisher(transform, "set_transformation").publish(
         completed(transform, {"translation": {"x": 1.0}})
     )
-    rig.run()
-    assert rig.haptic.get_transformation().position == (1.0, 0.0, 0.0)
+    bench.run()
+    assert bench.haptic.get_transformation().position == (1.0, 0.0, 0.0)
 
 
 def test_the_mode_is_set_by_service_and_by_parameter_and_ends_the_feedback():
-    rig = Rig(TorqueHaptic())
-    assert rig.call("state/force_mode", TRIGGER)["message"] == "cartesian"
-    assert rig.call("set_force_mode", SET_BOOL, data=False)["success"]
-    assert rig.feedback.stops == 1
-    assert rig.call("state/force_mode", TRIGGER)["message"] == "joint"
-    assert set_parameter(rig, "cartesian") == {"successful": True, "reason": ""}
-    assert rig.haptic.is_cartesian_force_mode_enabled()
-    got = rig.call("get_parameters", "rcl_interfaces/srv/GetParameters", names=["mode_feedback"])
+    bench = Bench(TorqueHaptic())
+    assert bench.call("state/force_mode", TRIGGER)["message"] == "cartesian"
+    assert bench.call("set_force_mode", SET_BOOL, data=False)["success"]
+    assert bench.feedback.stops == 1
+    assert bench.call("state/force_mode", TRIGGER)["message"] == "joint"
+    assert set_parameter(bench, "cartesian") == {"successful": True, "reason": ""}
+    assert bench.haptic.is_cartesian_force_mode_enabled()
+    got = bench.call("get_parameters", "rcl_interfaces/srv/GetParameters", names=["mode_feedback"])
     assert got["values"][0]["string_value"] == "cartesian"
-    events = rig.node.publishers["/parameter_events"].messages
+    events = bench.node.publishers["/parameter_events"].messages
     values = [
         each["value"]["string_value"]
         for event in events
@@ -301,61 +301,63 @@ def test_the_mode_is_set_by_service_and_by_parameter_and_ends_the_feedback():
     assert values == ["cartesian", "joint", "cartesian"]
 
 
-def set_parameter(rig, value, name="mode_feedback"):
+def set_parameter(bench, value, name="mode_feedback"):
     parameters = [{"name": name, "value": {"type": 4, "string_value": value}}]
     asked = "rcl_interfaces/srv/SetParameters"
-    return rig.call("set_parameters", asked, parameters=parameters)["results"][0]
+    return bench.call("set_parameters", asked, parameters=parameters)["results"][0]
 
 
 def test_modes_that_are_none_or_that_nobody_has_are_refused():
-    rig = Rig()
-    answer = rig.call("set_force_mode", SET_BOOL, data=False)
+    bench = Bench()
+    answer = bench.call("set_force_mode", SET_BOOL, data=False)
     assert not answer["success"]
     assert "FakeHaptic takes forces, no joint torques" in answer["message"]
-    assert "torque" in set_parameter(rig, "joint")["reason"]
-    assert "cartesian" in set_parameter(rig, "polar")["reason"]
-    assert "there is no parameter" in set_parameter(rig, "joint", "mode")["reason"]
-    rig.feedback.why_no_torques = "a session renders forces"
-    assert rig.call("set_force_mode", SET_BOOL, data=False)["message"] == "a session renders forces"
-    assert rig.haptic.is_cartesian_force_mode_enabled()
+    assert "torque" in set_parameter(bench, "joint")["reason"]
+    assert "cartesian" in set_parameter(bench, "polar")["reason"]
+    assert "there is no parameter" in set_parameter(bench, "joint", "mode")["reason"]
+    bench.feedback.why_no_torques = "a session renders forces"
+    assert (
+        bench.call("set_force_mode", SET_BOOL, data=False)["message"] == "a session renders forces"
+    )
+    assert bench.haptic.is_cartesian_force_mode_enabled()
 
 
 def test_feedback_is_stopped():
-    rig = Rig()
-    assert rig.call("stop_feedback", TRIGGER)["success"]
-    assert rig.feedback.stops == 1
-    rig.feedback.why_not = "it is not the network's"
-    assert rig.call("stop_feedback", TRIGGER) == {
+    bench = Bench()
+    assert bench.call("stop_feedback", TRIGGER)["success"]
+    assert bench.feedback.stops == 1
+    bench.feedback.why_not = "it is not the network's"
+    assert bench.call("stop_feedback", TRIGGER) == {
         "success": False,
         "message": "it is not the network's",
     }
 
 
 def test_a_flood_of_requests_is_answered_one_at_a_time_and_none_is_starved():
-    rig = Rig()
-    flood = FakeUser(rig.node, "SC", "~/get_transform", f"{YARP}GetTransformation")
+    bench = Bench()
+    flood = FakeUser(bench.node, "SC", "~/get_transform", f"{YARP}GetTransformation")
     for _ in range(100):
         flood.ask(completed(f"{YARP}GetTransformation_Request", {}))
-    assert rig.call("stop_feedback", TRIGGER)["success"]
-    assert len(rig.node.requests["~/get_transform"].waiting) > 90
+    assert bench.call("stop_feedback", TRIGGER)["success"]
+    assert len(bench.node.requests["~/get_transform"].waiting) > 90
 
 
 def test_no_request_to_any_service_waits_for_ever():
-    rig = Rig()
-    asked = {name: FakeRequest(b"\0\1\0\0" + b"\xff" * 3, None) for name in rig.node.requests}
+    bench = Bench()
+    asked = {name: FakeRequest(b"\0\1\0\0" + b"\xff" * 3, None) for name in bench.node.requests}
     for name, request in asked.items():
-        rig.node.requests[name].waiting.append(request)
-    rig.run(2 * len(asked) * LOOK_PERIOD_S)
+        bench.node.requests[name].waiting.append(request)
+    bench.run(2 * len(asked) * LOOK_PERIOD_S)
     assert [name for name, request in asked.items() if not isinstance(request.answer, bytes)] == []
-    assert rig.server.refused == len(asked) > 10
+    assert bench.server.refused == len(asked) > 10
     stopped = codec_of(f"{TRIGGER}_Response").decode(asked["~/stop_feedback"].answer)
     assert not stopped["success"]
     assert "too many" in stopped["message"]
 
 
 def test_a_device_that_is_only_shown_takes_nothing():
-    rig = Rig(served=False)
-    rig.run(0.1)
-    assert rig.told("state/pose")
-    assert rig.node.queues == rig.node.requests == {}
-    assert "~/result" not in rig.node.publishers
+    bench = Bench(served=False)
+    bench.run(0.1)
+    assert bench.told("state/pose")
+    assert bench.node.queues == bench.node.requests == {}
+    assert "~/result" not in bench.node.publishers

@@ -17,7 +17,7 @@ from cardan.gateway.bus.remote import network_arm
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.protocols.ros2.cdr import codec_of
-from tests.dds_rig import OPTIONS
+from tests.dds_network import OPTIONS
 from tests.gateway.bus.asker import SERVICE, slow_twist
 from tests.serving import PATIENT, free_endpoint, served as router
 from tests.waiting import WITHIN_S

@@ -20,7 +20,7 @@ TABLES = {
 }
 
 
-class Rig:
+class Bench:
     def __init__(self):
         config = parse_config(TABLES)
         self.robot = make_robot(config)
@@ -46,113 +46,113 @@ class Rig:
 
 
 @pytest.fixture
-def rig():
-    made = Rig()
+def bench():
+    made = Bench()
     with made.robot:
         yield made
         made.cycles.close()
 
 
-def test_nothing_is_published_while_nobody_subscribes(rig):
-    rig.run(200)
-    assert rig.log.messages == rig.raw.messages == []
-    assert rig.robot.raw_packet_callback is None
+def test_nothing_is_published_while_nobody_subscribes(bench):
+    bench.run(200)
+    assert bench.log.messages == bench.raw.messages == []
+    assert bench.robot.raw_packet_callback is None
 
 
-def test_a_recorder_that_is_found_late_gets_the_first_cycles(rig):
-    rig.run(200)
-    rig.log.heard = True
-    rig.run(63 + 200)
-    assert rig.numbers() == list(range(1, 464))
+def test_a_recorder_that_is_found_late_gets_the_first_cycles(bench):
+    bench.run(200)
+    bench.log.heard = True
+    bench.run(63 + 200)
+    assert bench.numbers() == list(range(1, 464))
 
 
-def test_kept_cycles_go_out_a_few_at_a_time(rig):
-    rig.run(200)
-    rig.log.heard = True
+def test_kept_cycles_go_out_a_few_at_a_time(bench):
+    bench.run(200)
+    bench.log.heard = True
     before = 0
     for _ in range(100):
-        rig.run(1)
-        assert len(rig.log.messages) - before <= AT_ONCE
-        before = len(rig.log.messages)
+        bench.run(1)
+        assert len(bench.log.messages) - before <= AT_ONCE
+        before = len(bench.log.messages)
 
 
-def test_what_is_kept_still_goes_out_when_the_session_ends(rig):
-    rig.run(200)
-    rig.log.heard = True
-    rig.run(1)
-    rig.record_topics.close()
-    assert rig.numbers() == list(range(1, 202))
+def test_what_is_kept_still_goes_out_when_the_session_ends(bench):
+    bench.run(200)
+    bench.log.heard = True
+    bench.run(1)
+    bench.record_topics.close()
+    assert bench.numbers() == list(range(1, 202))
 
 
-def test_nothing_is_kept_for_long(rig):
-    rig.run(round(KEPT_S / 0.004) + 100)
-    assert rig.controller.recorder is None
-    assert not rig.record_topics._log._cycles
-    rig.log.heard = True
-    rig.run(100)
-    assert rig.numbers()[0] > 1250
-    assert rig.numbers() == list(range(rig.numbers()[0], rig.controller.ticks + 1))
+def test_nothing_is_kept_for_long(bench):
+    bench.run(round(KEPT_S / 0.004) + 100)
+    assert bench.controller.recorder is None
+    assert not bench.record_topics._log._cycles
+    bench.log.heard = True
+    bench.run(100)
+    assert bench.numbers()[0] > 1250
+    assert bench.numbers() == list(range(bench.numbers()[0], bench.controller.ticks + 1))
 
 
-def test_it_ends_when_the_recorder_has_gone(rig):
-    rig.log.heard = rig.raw.heard = True
-    rig.run(round(KEPT_S / 0.004) + 100)
-    assert rig.robot.raw_packet_callback is not None
-    rig.log.heard = rig.raw.heard = False
-    rig.run(100)
-    count = len(rig.log.messages)
-    rig.run(100)
-    assert len(rig.log.messages) == count
-    assert rig.robot.raw_packet_callback is None
+def test_it_ends_when_the_recorder_has_gone(bench):
+    bench.log.heard = bench.raw.heard = True
+    bench.run(round(KEPT_S / 0.004) + 100)
+    assert bench.robot.raw_packet_callback is not None
+    bench.log.heard = bench.raw.heard = False
+    bench.run(100)
+    count = len(bench.log.messages)
+    bench.run(100)
+    assert len(bench.log.messages) == count
+    assert bench.robot.raw_packet_callback is None
 
 
-def test_requests_are_written_to_the_cycle_that_they_precede(rig):
-    rig.log.heard = True
+def test_requests_are_written_to_the_cycle_that_they_precede(bench):
+    bench.log.heard = True
 
     def ask(ticks):
         if ticks == 50:
-            rig.controller.stop("enough")
-            rig.controller.inhibit("a reason", Inhibit.WHILE_SAID)
-            rig.controller.inhibit("a reason", Inhibit.WHILE_SAID)
+            bench.controller.stop("enough")
+            bench.controller.inhibit("a reason", Inhibit.WHILE_SAID)
+            bench.controller.inhibit("a reason", Inhibit.WHILE_SAID)
 
-    rig.run(120, ask)
-    records = [decode_cycle(each["data"]) for each in rig.log.messages]
+    bench.run(120, ask)
+    records = [decode_cycle(each["data"]) for each in bench.log.messages]
     asked = {each.number: each.before for each in records if each.before}
     assert asked == {51: (("stop", "enough"), ("hold_off", "a reason"))}
 
 
-def test_raw_bytes_are_those_that_were_exchanged(rig):
-    rig.raw.heard = True
-    rig.run(100)
-    assert {each["direction"] for each in rig.raw.messages} == {0, 1}
-    states = [decode_state(each["data"]) for each in rig.raw.messages if not each["direction"]]
+def test_raw_bytes_are_those_that_were_exchanged(bench):
+    bench.raw.heard = True
+    bench.run(100)
+    assert {each["direction"] for each in bench.raw.messages} == {0, 1}
+    states = [decode_state(each["data"]) for each in bench.raw.messages if not each["direction"]]
     assert len(states) > 90
     assert not any(isinstance(state, MalformedDatagram) for state in states)
     sequences = [state.sequence for state in states]
     assert sequences == list(range(sequences[0], sequences[0] + len(states)))
     stamps = [
         (each["header"]["stamp"]["sec"], each["header"]["stamp"]["nanosec"])
-        for each in rig.raw.messages
+        for each in bench.raw.messages
     ]
     assert stamps == sorted(stamps)
 
 
-def test_raw_bytes_for_which_there_is_no_room_are_counted(rig):
-    rig.raw.heard = True
-    rig.run(10)
+def test_raw_bytes_for_which_there_is_no_room_are_counted(bench):
+    bench.raw.heard = True
+    bench.run(10)
     for _ in range(KEPT_PACKETS + 7):
-        rig.robot.raw_packet_callback(b"x", False, "")
-    assert rig.record_topics.dropped == 7
-    rig.run(1)
-    assert len([each for each in rig.raw.messages if each["data"] == b"x"]) <= AT_ONCE
+        bench.robot.raw_packet_callback(b"x", False, "")
+    assert bench.record_topics.dropped == 7
+    bench.run(1)
+    assert len([each for each in bench.raw.messages if each["data"] == b"x"]) <= AT_ONCE
 
 
-def test_after_its_end_nothing_is_tapped(rig):
-    rig.log.heard = rig.raw.heard = True
-    rig.run(10)
-    rig.record_topics.close()
-    assert rig.robot.raw_packet_callback is None
-    assert rig.controller.recorder is None
+def test_after_its_end_nothing_is_tapped(bench):
+    bench.log.heard = bench.raw.heard = True
+    bench.run(10)
+    bench.record_topics.close()
+    assert bench.robot.raw_packet_callback is None
+    assert bench.controller.recorder is None
 
 
 def test_the_configuration_is_there_without_secrets():

@@ -11,7 +11,7 @@ from cardan.gateway.bus.commands import ASK_TYPE
 from cardan.gateway.bus.sources import BEGINS_S, NAMED_WITHIN_S, SOURCES_KEPT, STREAM_KEPT_S
 from cardan.protocols.ros2.zenoh import CLIENT
 from cardan.types import NEVER_S
-from tests.gateway.bus.rig import Bench
+from tests.gateway.bus.bench import Bench
 
 DT_S, PERIOD_CYCLES = 0.004, 5
 TWIST, COMMAND = "//servo_node/delta_twist_cmds", "/command/twist"

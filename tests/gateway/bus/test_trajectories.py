@@ -12,7 +12,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import action_type
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.arm.arms import DT_S
-from tests.gateway.bus.rig import Bench
+from tests.gateway.bus.bench import Bench
 
 ACTION = "//controller/follow_joint_trajectory/_action"
 STEP = np.array([0.3, -0.2, 0.1, 0.0, 0.2, -0.4])

@@ -28,7 +28,7 @@ from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer, asked
 from cardan.gateway.servers.stats import figures_of
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from tests.gateway.daemon.test_control_socket import serving
-from tests.gateway.servers.rig import WAIT_S, served
+from tests.gateway.servers.bench import WAIT_S, served
 from tests.snapshots import changed
 
 UNPACKED_PROMTOOL = Path(__file__).parents[3] / "build/judges/promtool"

@@ -13,7 +13,7 @@ from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.spatial import norm, subtract
 from cardan.types import ZERO3, Vector3
 from tests.examples import examples
-from tests.gateway.device_pose_rig import DT_S, DevicePoseRig, displaced
+from tests.gateway.device_pose_bench import DT_S, DevicePoseBench, displaced
 from tests.gateway.operator.test_differential import plans, rpys
 
 HERE = Vector3(0.1, -0.2, 0.05)
@@ -77,58 +77,58 @@ WORKSPACE = ReferenceLimits(
 @given(plans, rpys, st.floats(0.3, 3.0))
 def test_nothing_makes_the_rendered_place_jump(plan, rpy, factor):
     """Recaptures, slips and edges: it moves by what the hand moves, twice at most, and glides."""
-    rig = DevicePoseRig(
+    bench = DevicePoseBench(
         limits=WORKSPACE,
         device_rpy_deg=rpy,
         scale=(factor, factor, factor, 1.0, 1.0, 1.0),
         recapture="button_1",
         slip_m=0.05,
     )
-    rig.run().tap("button_2")
+    bench.run().tap("button_2")
     glide, before = MapCrossfade(), None
     for (kind, value), ticks, _ in plan:
         if kind in ("send", "jump"):
-            rig.send_pose(displaced(*value[:3]))
+            bench.send_pose(displaced(*value[:3]))
         elif kind != "tap":
             continue
         elif value != "grip":
-            rig.tap(value)
+            bench.tap(value)
             if value == "button_2":
                 glide.release()
                 before = None
         for _ in range(ticks):
-            rig.run()
-            world = rig.core.device_map()
+            bench.run()
+            world = bench.core.device_map()
             if world is None:
                 glide.release()
                 before = None
                 continue
-            hand = rig.device.pose.position
-            at = world_point(glide.follow(world, hand, rig.now_s), hand)
+            hand = bench.device.pose.position
+            at = world_point(glide.follow(world, hand, bench.now_s), hand)
             if before is not None:
                 hand_m = factor * norm(subtract(hand, before[1]))
-                passed_s = rig.now_s - before[2]
+                passed_s = bench.now_s - before[2]
                 moved_m = norm(subtract(at, before[0]))
                 assert moved_m <= 2.0 * hand_m + CROSSFADE_M_S * passed_s + 1e-6
-            before = at, hand, rig.now_s
+            before = at, hand, bench.now_s
 
 
 def test_after_a_recapture_the_glide_ends_at_the_true_map():
-    rig = DevicePoseRig(recapture="button_1", slip_m=0.1).run().tap("button_2")
+    bench = DevicePoseBench(recapture="button_1", slip_m=0.1).run().tap("button_2")
     glide = MapCrossfade()
-    rig.send_pose(displaced(y=0.4))
+    bench.send_pose(displaced(y=0.4))
     for k in range(1500):
         if k == 30:
-            rig.press("button_1")
-        rig.run()
-        rendered = glide.follow(rig.core.device_map(), rig.device.pose.position, rig.now_s)
+            bench.press("button_1")
+        bench.run()
+        rendered = glide.follow(bench.core.device_map(), bench.device.pose.position, bench.now_s)
         if k == 30:
-            jump = subtract(rendered.offset, rig.core.device_map().offset)
+            jump = subtract(rendered.offset, bench.core.device_map().offset)
             assert norm(jump) > 0.02
     # what the hand moved on since, the TCP has slipped
-    assert rig.core.following
+    assert bench.core.following
     while glide.left != ZERO3:
-        rig.run()
-        rendered = glide.follow(rig.core.device_map(), rig.device.pose.position, rig.now_s)
-        assert rig.now_s < 130.0
-    assert rendered == rig.core.device_map()
+        bench.run()
+        rendered = glide.follow(bench.core.device_map(), bench.device.pose.position, bench.now_s)
+        assert bench.now_s < 130.0
+    assert rendered == bench.core.device_map()

@@ -15,7 +15,7 @@ from cardan.gateway.session.config import ForceConfig, parse_config
 from cardan.gateway.session.force_assembly import make_source
 from cardan.types import Frame, Vector3
 from tests.gateway.force.fakes import PERIOD_S, robot_state
-from tests.gateway.force.test_rendering import SHIFTED, SPHERE, Rig
+from tests.gateway.force.test_rendering import SHIFTED, SPHERE, Bench
 
 FORCE = Vector3(1.0, 0.0, 0.5)
 TURNED = WorldMap(rotation=(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))
@@ -79,7 +79,7 @@ def test_a_force_is_read_along_the_axes_of_the_base():
     assert source.read(robot_state(2.0), None) == (2.0, (0.0, 0.0, 0.0), Frame.BASE)
 
 
-class Session(Rig):
+class Session(Bench):
     """A session's renderer, with a program that publishes 100 times a second."""
 
     def __init__(self, **options):

@@ -26,7 +26,7 @@ SHIFTED = WorldMap(offset=Vector3(0.5, 0.0, 0.3))
 QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)
 
 
-class Rig:
+class Bench:
     """A renderer, its device, and virtual time that goes on by one cycle of the robot."""
 
     def __init__(
@@ -59,119 +59,119 @@ class Rig:
 
 
 def test_fixtures_go_as_geometry_with_the_map_and_the_robots_stamp():
-    rig = Rig([SPHERE])
-    command = rig.cycle()
+    bench = Bench([SPHERE])
+    command = bench.cycle()
     assert command.engaged
     assert command.world is SHIFTED
-    assert command.stamp_s == rig.now_s
+    assert command.stamp_s == bench.now_s
     assert [each.stiffness_n_m for each in command.fixtures] == [100.0]
     assert command.measured is None
-    rig.cycle(count=3)
-    assert [each.sequence for each in rig.device.commands] == [1, 2, 3, 4]
-    assert rig.device.commands[-1].fixtures is command.fixtures
+    bench.cycle(count=3)
+    assert [each.sequence for each in bench.device.commands] == [1, 2, 3, 4]
+    assert bench.device.commands[-1].fixtures is command.fixtures
 
 
 def test_clutched_out_nothing_is_felt_and_nothing_was_enabled_before():
-    rig = Rig([SPHERE])
-    assert not rig.cycle(world=None, count=50).engaged
-    assert rig.device.calls == []
-    assert rig.cycle().engaged
-    assert rig.device.calls == ["enable"]
-    assert not rig.cycle(world=None).engaged
-    rig.cycle()
-    assert rig.device.calls == ["enable"]  # It is enabled still.
+    bench = Bench([SPHERE])
+    assert not bench.cycle(world=None, count=50).engaged
+    assert bench.device.calls == []
+    assert bench.cycle().engaged
+    assert bench.device.calls == ["enable"]
+    assert not bench.cycle(world=None).engaged
+    bench.cycle()
+    assert bench.device.calls == ["enable"]  # It is enabled still.
 
 
 def test_a_latched_fault_takes_a_new_clutch_in():
-    rig = Rig([SPHERE])
-    rig.cycle()
-    rig.device.told = HapticState(state=OperatingState.FAULT, reason="let go")
-    rig.cycle(count=100)
-    assert rig.device.calls == ["enable"]
-    rig.cycle(world=None)
-    rig.cycle()
-    assert rig.device.calls == ["enable", "enable"]
+    bench = Bench([SPHERE])
+    bench.cycle()
+    bench.device.told = HapticState(state=OperatingState.FAULT, reason="let go")
+    bench.cycle(count=100)
+    assert bench.device.calls == ["enable"]
+    bench.cycle(world=None)
+    bench.cycle()
+    assert bench.device.calls == ["enable", "enable"]
 
 
 def test_a_device_that_cannot_be_enabled_says_why():
-    rig = Rig([SPHERE])
-    rig.device.obstacle = "the device is not calibrated"
-    rig.cycle()
-    assert rig.renderer.diagnosis() == ("no force: the device is not calibrated",)
-    rig.cycle(count=100)
-    asked = len(rig.device.calls)
+    bench = Bench([SPHERE])
+    bench.device.obstacle = "the device is not calibrated"
+    bench.cycle()
+    assert bench.renderer.diagnosis() == ("no force: the device is not calibrated",)
+    bench.cycle(count=100)
+    asked = len(bench.device.calls)
     assert asked <= 1 + 100 * PERIOD_S / 0.05 + 1, "not in every cycle"
-    rig.device.obstacle = ""
-    rig.cycle(count=20)
-    assert rig.renderer.diagnosis() == ()
-    assert rig.device.told.state is OperatingState.ENABLED
+    bench.device.obstacle = ""
+    bench.cycle(count=20)
+    assert bench.renderer.diagnosis() == ()
+    assert bench.device.told.state is OperatingState.ENABLED
 
 
 def test_a_fault_of_after_the_clutch_in_needs_another_one():
-    rig = Rig([SPHERE])
-    rig.device.obstacle = "not ready yet"
-    rig.cycle()
-    rig.device.obstacle = ""
-    rig.device.told = rig.device.told._replace(state=OperatingState.FAULT, faults=1)
-    rig.cycle(count=100)
-    assert rig.device.told.state is OperatingState.FAULT
-    rig.cycle(world=None)
-    rig.cycle()
-    assert rig.device.told.state is OperatingState.ENABLED
+    bench = Bench([SPHERE])
+    bench.device.obstacle = "not ready yet"
+    bench.cycle()
+    bench.device.obstacle = ""
+    bench.device.told = bench.device.told._replace(state=OperatingState.FAULT, faults=1)
+    bench.cycle(count=100)
+    assert bench.device.told.state is OperatingState.FAULT
+    bench.cycle(world=None)
+    bench.cycle()
+    assert bench.device.told.state is OperatingState.ENABLED
 
 
 def test_a_command_that_was_not_taken_is_told_until_one_is(monkeypatch):
-    rig = Rig([SPHERE])
-    rig.cycle()
-    take = rig.device.render
+    bench = Bench([SPHERE])
+    bench.cycle()
+    take = bench.device.render
 
     def refuse(command):
         raise CommandError("the map is no map")
 
-    monkeypatch.setattr(rig.device, "render", refuse)
-    rig.cycle()
-    assert rig.renderer.diagnosis() == ("the haptic device takes no command: the map is no map",)
-    monkeypatch.setattr(rig.device, "render", take)
-    rig.cycle()
-    assert rig.renderer.diagnosis() == ()
+    monkeypatch.setattr(bench.device, "render", refuse)
+    bench.cycle()
+    assert bench.renderer.diagnosis() == ("the haptic device takes no command: the map is no map",)
+    monkeypatch.setattr(bench.device, "render", take)
+    bench.cycle()
+    assert bench.renderer.diagnosis() == ()
 
 
 def test_a_map_that_jumps_is_rendered_without_the_jump():
-    rig = Rig([SPHERE])
-    rig.cycle(count=10)
+    bench = Bench([SPHERE])
+    bench.cycle(count=10)
     jumped = SHIFTED._replace(offset=Vector3(0.48, 0.0, 0.3))
-    assert rig.cycle(world=jumped).world.offset == pytest.approx(SHIFTED.offset)
-    assert rig.cycle(world=jumped, count=25).world.offset.x == pytest.approx(0.499)
-    rig.cycle(world=None)
-    assert rig.cycle(world=jumped).world is jumped
+    assert bench.cycle(world=jumped).world.offset == pytest.approx(SHIFTED.offset)
+    assert bench.cycle(world=jumped, count=25).world.offset.x == pytest.approx(0.499)
+    bench.cycle(world=None)
+    assert bench.cycle(world=jumped).world is jumped
 
 
 def test_one_stamp_of_the_future_does_not_keep_a_force_for_ever():
     sensor = FakeSensor()
-    rig = Rig(source=SensorSource(sensor))
+    bench = Bench(source=SensorSource(sensor))
     for k in range(200):
-        sensor.measure(rig.now_s + (50.0 if k == 150 else 0.0), 0.0, 0.0, 10.0)
-        rig.cycle()
-        assert k < 130 or rig.device.commands[-1].measured.force.z == pytest.approx(1.0)
-    assert rig.renderer.diagnosis()[0] == "readings of a force refused: 1"
+        sensor.measure(bench.now_s + (50.0 if k == 150 else 0.0), 0.0, 0.0, 10.0)
+        bench.cycle()
+        assert k < 130 or bench.device.commands[-1].measured.force.z == pytest.approx(1.0)
+    assert bench.renderer.diagnosis()[0] == "readings of a force refused: 1"
     for _ in range(100):
-        sensor.measure(rig.now_s, 0.0, 0.0, 0.0)
-        rig.cycle()
-    assert rig.device.commands[-1].measured.force.z == pytest.approx(0.0, abs=1e-6)
+        sensor.measure(bench.now_s, 0.0, 0.0, 0.0)
+        bench.cycle()
+    assert bench.device.commands[-1].measured.force.z == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_rate_of_a_force_is_bounded_by_the_force():
-    rig = Rig(
+    bench = Bench(
         source=MeasuredSource(reaction=True), conditioning=Conditioning(scale=1.0, tare=False)
     )
-    rig.cycle(count=200, force=(0.0, 0.0, 1.0))
-    measured = rig.cycle(force=(0.0, 0.0, -3.0)).measured
+    bench.cycle(count=200, force=(0.0, 0.0, 1.0))
+    measured = bench.cycle(force=(0.0, 0.0, -3.0)).measured
     assert abs(measured.rate_n_s.z) * 0.008 <= abs(measured.force.z) + 1e-9
 
 
 def test_a_hand_without_a_pose_is_not_engaged():
-    rig = Rig([SPHERE])
-    assert not rig.cycle(hand=None).engaged
+    bench = Bench([SPHERE])
+    assert not bench.cycle(hand=None).engaged
 
 
 def test_the_sequence_goes_on_where_the_device_is():
@@ -189,11 +189,11 @@ def test_a_surface_at_the_start_and_one_at_clutch_in():
         PlaneTable(at=at, normal=(0.0, 0.0, 1.0), stiffness_n_m=100.0)
         for at in ("start", "clutch-in")
     ]
-    rig = Rig(surfaces)
-    assert rig.cycle(world=None, hold_reason="motors are off").fixtures == ()
-    start = rig.cycle(world=None, place=(0.5, 0.0, 0.4)).fixtures
+    bench = Bench(surfaces)
+    assert bench.cycle(world=None, hold_reason="motors are off").fixtures == ()
+    start = bench.cycle(world=None, place=(0.5, 0.0, 0.4)).fixtures
     assert [each.point for each in start] == [(0.5, 0.0, 0.4)]
-    both = rig.cycle(place=(0.6, 0.0, 0.4)).fixtures
+    both = bench.cycle(place=(0.6, 0.0, 0.4)).fixtures
     assert all(isinstance(each, Plane) for each in both)
     # where the stylus is in the world, so that nothing pushes at once
     assert [each.point for each in both] == [(0.5, 0.0, 0.4), pytest.approx((0.5, 0.0, 0.35))]
@@ -202,69 +202,69 @@ def test_a_surface_at_the_start_and_one_at_clutch_in():
 def test_a_measured_force_is_turned_into_the_hands_axes_and_scaled():
     quarter = matrix_of(from_euler_zyx(0.0, 0.0, math.pi / 2))
     world = WorldMap(quarter, rotation=quarter)
-    rig = Rig(source=MeasuredSource(reaction=True), stiffness_n_m=30.0)
-    measured = rig.cycle(count=130, world=world, force=(0.0, 10.0, 5.0)).measured
+    bench = Bench(source=MeasuredSource(reaction=True), stiffness_n_m=30.0)
+    measured = bench.cycle(count=130, world=world, force=(0.0, 10.0, 5.0)).measured
     assert measured.force == pytest.approx((1.0, 0.0, 0.5))
     assert measured.rate_n_s == (0.0, 0.0, 0.0)
-    assert (measured.stamp_s, measured.position) == (rig.now_s, HAND.position)
+    assert (measured.stamp_s, measured.position) == (bench.now_s, HAND.position)
     assert measured.stiffness_n_m == 30.0
     for k in range(300):
-        measured = rig.cycle(world=world, force=(0.0, 10.0 + k * PERIOD_S, 5.0)).measured
+        measured = bench.cycle(world=world, force=(0.0, 10.0 + k * PERIOD_S, 5.0)).measured
     assert measured.rate_n_s == pytest.approx((0.1, 0.0, 0.0), abs=1e-6)
 
 
 def test_what_is_touched_absorbs_what_the_hand_pushes_in_until_it_is_clutched_out():
     """A device on another computer needs to know: its law is of both ends."""
-    rig = Rig(source=MeasuredSource(reaction=True))
+    bench = Bench(source=MeasuredSource(reaction=True))
     pressed = {"force": (0.0, 0.0, 10.0)}
-    assert rig.cycle(count=200, **pressed).measured.absorbed_j == 0.0
+    assert bench.cycle(count=200, **pressed).measured.absorbed_j == 0.0
     deeper = HAND._replace(position=subtract(HAND.position, Vector3(0.0, 0.0, 0.01)))
-    assert rig.cycle(hand=deeper, **pressed).measured.absorbed_j == pytest.approx(0.01)
-    assert rig.cycle(**pressed).measured.absorbed_j == pytest.approx(0.0)
-    rig.cycle(hand=deeper, **pressed)
-    rig.cycle(world=None)
-    assert rig.cycle(count=200, **pressed).measured.absorbed_j == 0.0
+    assert bench.cycle(hand=deeper, **pressed).measured.absorbed_j == pytest.approx(0.01)
+    assert bench.cycle(**pressed).measured.absorbed_j == pytest.approx(0.0)
+    bench.cycle(hand=deeper, **pressed)
+    bench.cycle(world=None)
+    assert bench.cycle(count=200, **pressed).measured.absorbed_j == 0.0
 
 
 def test_a_measured_force_is_zero_until_force_is_let_out_and_then_fades_in():
     """Clutching in while the tool presses: a device begins with a small force alone."""
-    rig = Rig(source=MeasuredSource(reaction=True), stiffness_n_m=100.0)
+    bench = Bench(source=MeasuredSource(reaction=True), stiffness_n_m=100.0)
     pressed = {"force": (0.0, 0.0, 20.0)}
-    rig.device.lets_out = False
-    for measured in (rig.cycle(**pressed).measured for _ in range(50)):
+    bench.device.lets_out = False
+    for measured in (bench.cycle(**pressed).measured for _ in range(50)):
         assert measured.force == (0.0, 0.0, 0.0)
         assert (measured.rate_n_s, measured.stiffness_n_m) == ((0.0, 0.0, 0.0), 0.0)
-    rig.device.lets_out = True
-    forces = [rig.cycle(**pressed).measured.force.z for _ in range(150)]
+    bench.device.lets_out = True
+    forces = [bench.cycle(**pressed).measured.force.z for _ in range(150)]
     assert max(b - a for a, b in itertools.pairwise(forces)) < 0.017
     assert forces[62] == pytest.approx(1.0, abs=0.05)
     assert forces[-1] == pytest.approx(2.0)
-    rig.cycle(world=None)
-    assert rig.cycle(**pressed).measured.force == (0.0, 0.0, 0.0)
+    bench.cycle(world=None)
+    assert bench.cycle(**pressed).measured.force == (0.0, 0.0, 0.0)
 
 
 def test_a_robot_that_stops_reporting_gives_no_old_force():
-    rig = Rig(source=MeasuredSource())
-    assert rig.cycle(force=(0.0, 0.0, -10.0)).measured is not None
-    assert rig.cycle().measured is None
-    assert rig.renderer.diagnosis() == ("no measured force: the robot reports none",)
-    lost = rig.cycle(world=None, link=RobotLink.LOST, pose=None)
+    bench = Bench(source=MeasuredSource())
+    assert bench.cycle(force=(0.0, 0.0, -10.0)).measured is not None
+    assert bench.cycle().measured is None
+    assert bench.renderer.diagnosis() == ("no measured force: the robot reports none",)
+    lost = bench.cycle(world=None, link=RobotLink.LOST, pose=None)
     assert not lost.engaged
     assert lost.measured is None
 
 
 def test_a_force_that_comes_back_grows_slowly():
-    rig = Rig(source=MeasuredSource(reaction=True), stiffness_n_m=100.0)
+    bench = Bench(source=MeasuredSource(reaction=True), stiffness_n_m=100.0)
     pushed = {"force": (0.0, 0.0, 10.0)}
-    assert rig.cycle(count=130, **pushed).measured.force.z == pytest.approx(1.0)
-    assert rig.cycle(count=30).measured is None
-    rig.cycle(count=62, **pushed)
-    half = rig.device.commands[-1].measured
+    assert bench.cycle(count=130, **pushed).measured.force.z == pytest.approx(1.0)
+    assert bench.cycle(count=30).measured is None
+    bench.cycle(count=62, **pushed)
+    half = bench.device.commands[-1].measured
     assert half.force.z == pytest.approx(0.5, abs=0.01)
     assert half.stiffness_n_m == pytest.approx(50.0, abs=1.0)
-    forces = [each.measured.force.z for each in rig.device.commands[-62:]]
+    forces = [each.measured.force.z for each in bench.device.commands[-62:]]
     assert max(b - a for a, b in itertools.pairwise(forces)) < 0.01
-    assert rig.cycle(count=100, **pushed).measured.force.z == pytest.approx(1.0)
+    assert bench.cycle(count=100, **pushed).measured.force.z == pytest.approx(1.0)
 
 
 class Slow(MeasuredSource):
@@ -276,39 +276,39 @@ class Slow(MeasuredSource):
 
 
 def test_a_reading_that_is_too_old_is_not_felt():
-    rig = Rig(source=Slow(), max_age_s=0.1)
-    rig.cycle(force=(0.0, 0.0, -10.0))
-    kept = rig.cycle(count=20)
-    assert kept.measured.stamp_s == pytest.approx(rig.now_s - 20 * PERIOD_S)
-    assert rig.cycle(count=10).measured is None
-    assert "older than 100 ms" in rig.renderer.diagnosis()[0]
+    bench = Bench(source=Slow(), max_age_s=0.1)
+    bench.cycle(force=(0.0, 0.0, -10.0))
+    kept = bench.cycle(count=20)
+    assert kept.measured.stamp_s == pytest.approx(bench.now_s - 20 * PERIOD_S)
+    assert bench.cycle(count=10).measured is None
+    assert "older than 100 ms" in bench.renderer.diagnosis()[0]
 
 
 def test_the_zero_is_taken_before_the_first_clutch_in():
-    rig = Rig(source=MeasuredSource(), conditioning=Conditioning(scale=0.1, deadband_n=0.0))
+    bench = Bench(source=MeasuredSource(), conditioning=Conditioning(scale=0.1, deadband_n=0.0))
     bias = {"force": (3.0, 0.0, -20.0)}
-    assert rig.cycle(count=5, **bias).measured is None  # clutched in too soon
-    assert "its zero is being taken" in rig.renderer.diagnosis()[0]
-    rig.cycle(world=None, count=200, **bias)
-    assert rig.renderer.diagnosis() == ()
-    assert rig.cycle(count=5, **bias).measured.force == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert bench.cycle(count=5, **bias).measured is None  # clutched in too soon
+    assert "its zero is being taken" in bench.renderer.diagnosis()[0]
+    bench.cycle(world=None, count=200, **bias)
+    assert bench.renderer.diagnosis() == ()
+    assert bench.cycle(count=5, **bias).measured.force == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_without_rendering_the_device_is_only_looked_at():
-    rig = Rig([SPHERE], rendering=False)
-    rig.device.told = HapticState(force=Vector3(0.0, 0.0, 1.5))
-    rig.device.commands.append(None)
-    assert rig.cycle(count=10) is None
-    rig.renderer.stop()
-    assert rig.device.calls == []
-    snapshot = Snapshot(force=rig.renderer.report())
+    bench = Bench([SPHERE], rendering=False)
+    bench.device.told = HapticState(force=Vector3(0.0, 0.0, 1.5))
+    bench.device.commands.append(None)
+    assert bench.cycle(count=10) is None
+    bench.renderer.stop()
+    assert bench.device.calls == []
+    snapshot = Snapshot(force=bench.renderer.report())
     assert (snapshot.force.state, snapshot.force.rendered_n) == ("disabled", 1.5)
     assert snapshot.force.measured_n == ()
 
 
 def test_the_summary_has_what_was_felt_and_what_was_touched():
-    rig = Rig([SPHERE], MeasuredSource(reaction=True), contact_target_n=5.0)
-    rig.device.told = HapticState(
+    bench = Bench([SPHERE], MeasuredSource(reaction=True), contact_target_n=5.0)
+    bench.device.told = HapticState(
         state=OperatingState.ENABLED,
         force=Vector3(0.0, 0.0, 0.6),
         peak_n=0.7,
@@ -319,10 +319,10 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
         given_peak_j=0.003,
         energy_j=0.001,
     )
-    rig.cycle(count=50, force=(0.0, 0.0, 0.0))
+    bench.cycle(count=50, force=(0.0, 0.0, 0.0))
     for k in range(500):
-        rig.cycle(force=(0.0, 0.0, 6.0), place=(0.3 + 0.05 * k * PERIOD_S, 0.0, 0.4))
-    s = Snapshot(force=rig.renderer.report(), contact=rig.renderer.measured.report())
+        bench.cycle(force=(0.0, 0.0, 6.0), place=(0.3 + 0.05 * k * PERIOD_S, 0.0, 0.4))
+    s = Snapshot(force=bench.renderer.report(), contact=bench.renderer.measured.report())
     assert s.force.state == "enabled"
     assert s.force.peak_n == pytest.approx(0.7)
     assert s.contact.path_m == pytest.approx(0.1, rel=0.02)
@@ -340,20 +340,20 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
 
 
 def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
-    rig = Rig([], MeasuredSource(reaction=True))
-    rig.device.told = HapticState(state=OperatingState.ENABLED, rendering=True)
-    rig.cycle(count=50, force=(0.0, 0.0, 0.0))
-    assert rig.renderer.report().rendered_stiffness_n_m is None
+    bench = Bench([], MeasuredSource(reaction=True))
+    bench.device.told = HapticState(state=OperatingState.ENABLED, rendering=True)
+    bench.cycle(count=50, force=(0.0, 0.0, 0.0))
+    assert bench.renderer.report().rendered_stiffness_n_m is None
     # Pressed down by 0 to 20 mm against 60 N/m, then lifted and moved on in free air.
     for k in range(501):
         depth_m = 4e-5 * k
-        rig.device.told = rig.device.told._replace(force=Vector3(0.0, 0.0, 60.0 * depth_m))
+        bench.device.told = bench.device.told._replace(force=Vector3(0.0, 0.0, 60.0 * depth_m))
         hand = Pose(Vector3(0.01, 0.0, 0.05 - depth_m), IDENTITY)
-        rig.cycle(force=(0.0, 0.0, 6.0), hand=hand)
-    rig.device.told = rig.device.told._replace(force=Vector3(0.0, 0.0, 0.5))
-    rig.cycle(count=100, force=(0.0, 0.0, 0.0))
-    rig.cycle(count=500, force=(0.0, 0.0, 0.0), hand=Pose(Vector3(0.01, 0.0, 0.0), IDENTITY))
-    report = rig.renderer.report()
+        bench.cycle(force=(0.0, 0.0, 6.0), hand=hand)
+    bench.device.told = bench.device.told._replace(force=Vector3(0.0, 0.0, 0.5))
+    bench.cycle(count=100, force=(0.0, 0.0, 0.0))
+    bench.cycle(count=500, force=(0.0, 0.0, 0.0), hand=Pose(Vector3(0.01, 0.0, 0.0), IDENTITY))
+    report = bench.renderer.report()
     # The contact force is filtered before it counts: the first touch is found 0.1 s late at most.
     assert report.rendered_stiffness_n_m == pytest.approx(60.0, rel=0.1)
     assert report.rendered_depth_m == pytest.approx(0.02, abs=0.001)

@@ -22,7 +22,7 @@ IN = HapticState(state=OperatingState.ENABLED, rendering=True, command_sequence=
 OUT = IN._replace(rendering=False, reason="the tick was late")
 
 
-class Rig:
+class Bench:
     """A guard whose hand was taken up at 1 s with the fifth command."""
 
     def __init__(self):
@@ -44,122 +44,122 @@ class Rig:
 
 
 def test_a_force_that_is_there_is_never_objected_to():
-    rig = Rig()
-    assert rig.see(IN, 60.0) == ("", None)
-    assert (rig.watchdog.losses, rig.watchdog.out_s) == (0, 0.0)
-    assert rig.watchdog.rendered
+    bench = Bench()
+    assert bench.see(IN, 60.0) == ("", None)
+    assert (bench.watchdog.losses, bench.watchdog.out_s) == (0, 0.0)
+    assert bench.watchdog.rendered
 
 
 def test_the_robot_waits_for_a_force_that_has_not_begun_or_is_gone():
-    rig = Rig()
-    rig.see(OUT)
-    assert rig.watchdog.in_doubt
-    rig.see(IN)
-    assert not rig.watchdog.in_doubt
-    rig.see(OUT, 0.008)
-    assert not rig.watchdog.in_doubt  # A single late tick does not count.
-    rig.see(OUT, 0.008)
-    assert rig.watchdog.in_doubt
-    rig.see(IN)
-    assert not rig.watchdog.in_doubt
-    rig.watchdog.release()
-    assert not rig.watchdog.in_doubt
+    bench = Bench()
+    bench.see(OUT)
+    assert bench.watchdog.in_doubt
+    bench.see(IN)
+    assert not bench.watchdog.in_doubt
+    bench.see(OUT, 0.008)
+    assert not bench.watchdog.in_doubt  # A single late tick does not count.
+    bench.see(OUT, 0.008)
+    assert bench.watchdog.in_doubt
+    bench.see(IN)
+    assert not bench.watchdog.in_doubt
+    bench.watchdog.release()
+    assert not bench.watchdog.in_doubt
 
 
 def test_a_short_gap_is_borne_and_a_long_one_is_not():
-    rig = Rig()
-    rig.see(IN, 1.0)
-    assert rig.see(OUT, 0.9 * FORCE_LOST_S)[0] == ""
-    rig.see(IN, 1.0)
-    words, after_s = rig.see(OUT, 1.0)
+    bench = Bench()
+    bench.see(IN, 1.0)
+    assert bench.see(OUT, 0.9 * FORCE_LOST_S)[0] == ""
+    bench.see(IN, 1.0)
+    words, after_s = bench.see(OUT, 1.0)
     assert words == "the force is lost: the tick was late"
     assert after_s == pytest.approx(FORCE_LOST_S, abs=2 * PERIOD_S)
-    assert rig.watchdog.losses == 1
-    assert rig.watchdog.out_s == pytest.approx(1.9 * FORCE_LOST_S, abs=3 * PERIOD_S)
+    assert bench.watchdog.losses == 1
+    assert bench.watchdog.out_s == pytest.approx(1.9 * FORCE_LOST_S, abs=3 * PERIOD_S)
 
 
 def test_a_force_that_flickers_is_lost():
-    rig = Rig()
-    rig.see(IN, 1.0)
+    bench = Bench()
+    bench.see(IN, 1.0)
     for _ in range(50):
-        if rig.see(OUT, 0.02)[0]:
+        if bench.see(OUT, 0.02)[0]:
             break
-        rig.see(IN, 0.02)
-    assert rig.watchdog.losses == 1
+        bench.see(IN, 0.02)
+    assert bench.watchdog.losses == 1
 
 
 @given(st.integers(1, 20), st.integers(100, 400))
 def test_a_late_tick_now_and_then_is_borne(out, rest):
-    rig = Rig()
-    rig.see(IN, 1.0)
+    bench = Bench()
+    bench.see(IN, 1.0)
     for _ in range(10):
-        assert rig.see(OUT, out * PERIOD_S)[0] == ""
-        assert rig.see(IN, rest * PERIOD_S)[0] == ""
+        assert bench.see(OUT, out * PERIOD_S)[0] == ""
+        assert bench.see(IN, rest * PERIOD_S)[0] == ""
 
 
 def test_what_was_rendered_before_the_clutch_in_does_not_count():
-    rig = Rig()
-    assert rig.see(IN._replace(command_sequence=4), 0.5)[0] == ""
-    assert not rig.watchdog.rendered
+    bench = Bench()
+    assert bench.see(IN._replace(command_sequence=4), 0.5)[0] == ""
+    assert not bench.watchdog.rendered
 
 
 @pytest.mark.parametrize("state", [OperatingState.FAULT, OperatingState.DISABLED])
 def test_a_fault_is_no_force_at_once(state):
-    rig = Rig()
-    rig.see(IN, 1.0)
-    words, after_s = rig.see(OUT._replace(state=state, reason="unplugged"), 1.0)
+    bench = Bench()
+    bench.see(IN, 1.0)
+    words, after_s = bench.see(OUT._replace(state=state, reason="unplugged"), 1.0)
     assert words == "the force is lost: unplugged"
     assert after_s == pytest.approx(PERIOD_S)
 
 
 def test_what_has_not_begun_within_a_second_will_not():
-    rig = Rig()
-    words, after_s = rig.see(OUT._replace(reason="engaging is not possible"), 2.0, fixtures=False)
+    bench = Bench()
+    words, after_s = bench.see(OUT._replace(reason="engaging is not possible"), 2.0, fixtures=False)
     assert words == "the force has not begun: engaging is not possible"
     assert after_s == pytest.approx(BEGINS_WITHIN_S, abs=2 * PERIOD_S)
 
 
 def test_a_loop_that_never_hears_of_the_clutch_in_gives_no_force():
-    rig = Rig()
+    bench = Bench()
     stale = HapticState(state=OperatingState.ENABLED, command_sequence=4, reason="no tick")
-    assert rig.see(stale, 2.0)[0] == "the force has not begun: no tick"
+    assert bench.see(stale, 2.0)[0] == "the force has not begun: no tick"
 
 
 def test_the_share_that_warm_motors_leave():
-    rig = Rig()
+    bench = Bench()
     pressed = {"force": Vector3(0.7, 0, 0), "force_commanded": Vector3(0.7, 0, 0)}
-    assert rig.see(IN._replace(thermal_derating=0.36, **pressed), 10.0)[0] == ""
-    assert "let them cool down" in rig.see(IN._replace(thermal_derating=0.19, **pressed), 1.0)[0]
+    assert bench.see(IN._replace(thermal_derating=0.36, **pressed), 10.0)[0] == ""
+    assert "let them cool down" in bench.see(IN._replace(thermal_derating=0.19, **pressed), 1.0)[0]
 
 
 def test_a_force_of_long_pressing_is_not_taken_for_one_of_warm_motors():
-    rig = Rig()
+    bench = Bench()
     strong = {"force": Vector3(0.88, 0, 0), "force_commanded": Vector3(2.0, 0, 0)}
-    assert rig.see(IN._replace(thermal_derating=0.44, **strong), 10.0)[0] == ""
+    assert bench.see(IN._replace(thermal_derating=0.44, **strong), 10.0)[0] == ""
 
 
 def test_a_measured_force_that_ends_is_missed_and_one_that_never_was_is_not():
-    rig = Rig()
-    assert rig.see(IN, 5.0)[0] == ""
-    rig.watchdog.give(rig.now_s)
-    words, after_s = rig.see(IN, 5.0, source="the robot reports none")
+    bench = Bench()
+    assert bench.see(IN, 5.0)[0] == ""
+    bench.watchdog.give(bench.now_s)
+    words, after_s = bench.see(IN, 5.0, source="the robot reports none")
     assert words.endswith(", the robot reports none")
     assert after_s == pytest.approx(0.2, abs=2 * PERIOD_S)
-    rig.watchdog.release()
-    assert rig.see(IN, 5.0)[0] == ""
-    rig.watchdog.engage(6, rig.now_s)
-    assert rig.see(IN._replace(command_sequence=6), 5.0)[0] == ""
-    assert rig.watchdog.losses == 1
+    bench.watchdog.release()
+    assert bench.see(IN, 5.0)[0] == ""
+    bench.watchdog.engage(6, bench.now_s)
+    assert bench.see(IN._replace(command_sequence=6), 5.0)[0] == ""
+    assert bench.watchdog.losses == 1
 
 
 def test_a_device_that_cannot_be_enabled_may_become_ready_within_a_second():
-    rig = Rig()
+    bench = Bench()
     disabled = OUT._replace(state=OperatingState.DISABLED)
-    assert rig.see(disabled, 0.5, refusal="no force: a moment")[0] == ""
-    assert rig.watchdog.in_doubt
-    assert rig.see(IN, 1.0)[0] == ""
-    rig.watchdog.engage(5, rig.now_s)
-    words, after_s = rig.see(disabled, 2.0, refusal="no force: it is not calibrated")
+    assert bench.see(disabled, 0.5, refusal="no force: a moment")[0] == ""
+    assert bench.watchdog.in_doubt
+    assert bench.see(IN, 1.0)[0] == ""
+    bench.watchdog.engage(5, bench.now_s)
+    words, after_s = bench.see(disabled, 2.0, refusal="no force: it is not calibrated")
     assert words == "there is no force: it is not calibrated"
     assert after_s == pytest.approx(BEGINS_WITHIN_S, abs=2 * PERIOD_S)
 
@@ -202,49 +202,49 @@ def test_a_guard_that_nobody_engaged_says_nothing():
 def test_what_was_seen_before_the_clutch_out_does_not_count_after_it():
     warm = pushing(0.1, 1.0, thermal_derating=0.9 * DERATED)
     for state in (OUT, warm):
-        rig = Exact(0.0)
-        assert rig.at(FORCE_LOST_S, state) == ""
-        rig.watchdog.engage(5, 1.0)
-        assert rig.at(1.0, IN) == ""
-        assert rig.at(1.0 + 0.5 * IN_DOUBT_S, state) == ""
-        assert not rig.watchdog.in_doubt
-    rig.watchdog.release()
-    assert rig.at(9.0, OUT) == ""
+        bench = Exact(0.0)
+        assert bench.at(FORCE_LOST_S, state) == ""
+        bench.watchdog.engage(5, 1.0)
+        assert bench.at(1.0, IN) == ""
+        assert bench.at(1.0 + 0.5 * IN_DOUBT_S, state) == ""
+        assert not bench.watchdog.in_doubt
+    bench.watchdog.release()
+    assert bench.at(9.0, OUT) == ""
 
 
 def test_the_robot_waits_after_and_not_at_the_time_of_doubt():
     warm = pushing(0.1, 1.0, thermal_derating=0.9 * DERATED)
     for state in (OUT, warm):
-        rig = Exact(0.0)
-        rig.at(IN_DOUBT_S, state)
-        assert not rig.watchdog.in_doubt
-        rig.at(IN_DOUBT_S + LATER_S, state)
-        assert rig.watchdog.in_doubt
+        bench = Exact(0.0)
+        bench.at(IN_DOUBT_S, state)
+        assert not bench.watchdog.in_doubt
+        bench.at(IN_DOUBT_S + LATER_S, state)
+        assert bench.watchdog.in_doubt
 
 
 def test_a_force_is_lost_after_and_not_at_its_time():
-    rig = Exact(0.0)
-    assert rig.at(FORCE_LOST_S, OUT) == ""
-    assert rig.watchdog.lost_reason == "the tick was late"
-    assert rig.at(FORCE_LOST_S + LATER_S, OUT) == "the force is lost: the tick was late"
-    assert rig.watchdog.lost_reason == "the force is lost: the tick was late"
-    rig = Exact(0.0)
-    assert rig.at(LATER_S, OUT._replace(reason="")) == ""
-    assert rig.watchdog.lost_reason == "the device gives none"
+    bench = Exact(0.0)
+    assert bench.at(FORCE_LOST_S, OUT) == ""
+    assert bench.watchdog.lost_reason == "the tick was late"
+    assert bench.at(FORCE_LOST_S + LATER_S, OUT) == "the force is lost: the tick was late"
+    assert bench.watchdog.lost_reason == "the force is lost: the tick was late"
+    bench = Exact(0.0)
+    assert bench.at(LATER_S, OUT._replace(reason="")) == ""
+    assert bench.watchdog.lost_reason == "the device gives none"
 
 
 def test_a_quarter_of_the_time_with_force_makes_up_for_time_without():
     for with_s, lost in ((0.16, True), (0.24, False)):
-        rig = Exact(0.0)
-        assert rig.at(0.14, OUT) == ""
-        assert rig.at(0.14 + with_s, IN) == ""
-        assert bool(rig.at(0.14 + with_s + 0.06, OUT)) is lost
+        bench = Exact(0.0)
+        assert bench.at(0.14, OUT) == ""
+        assert bench.at(0.14 + with_s, IN) == ""
+        assert bool(bench.at(0.14 + with_s + 0.06, OUT)) is lost
 
 
 def test_force_may_begin_until_and_at_a_second():
-    rig = Exact()
-    assert rig.at(BEGINS_WITHIN_S, OUT) == ""
-    assert rig.at(BEGINS_WITHIN_S + LATER_S, OUT) == "the force has not begun: the tick was late"
+    bench = Exact()
+    assert bench.at(BEGINS_WITHIN_S, OUT) == ""
+    assert bench.at(BEGINS_WITHIN_S + LATER_S, OUT) == "the force has not begun: the tick was late"
 
 
 @pytest.mark.parametrize(
@@ -278,24 +278,26 @@ def test_the_least_share_of_warm_motors_is_still_enough():
     ],
 )
 def test_warm_motors_that_give_too_little_of_what_is_asked_lose_the_force(left, given_n, lost):
-    rig, warm = Exact(0.0), pushing(given_n, 1.0, thermal_derating=left)
-    assert rig.at(FORCE_LOST_S, warm) == ""
-    assert ("let them cool down" in rig.at(FORCE_LOST_S + LATER_S, warm)) is lost
-    assert rig.watchdog.in_doubt is lost
+    bench, warm = Exact(0.0), pushing(given_n, 1.0, thermal_derating=left)
+    assert bench.at(FORCE_LOST_S, warm) == ""
+    assert ("let them cool down" in bench.at(FORCE_LOST_S + LATER_S, warm)) is lost
+    assert bench.watchdog.in_doubt is lost
 
 
 def test_motors_that_are_cool_in_between_begin_anew():
-    rig, warm = Exact(0.0), pushing(0.1, 1.0, thermal_derating=0.9 * DERATED)
-    assert rig.at(0.1, warm) == ""
-    assert rig.at(0.11, pushing(1.0, 1.0)) == ""
-    assert rig.at(0.22, warm) == ""
+    bench, warm = Exact(0.0), pushing(0.1, 1.0, thermal_derating=0.9 * DERATED)
+    assert bench.at(0.1, warm) == ""
+    assert bench.at(0.11, pushing(1.0, 1.0)) == ""
+    assert bench.at(0.22, warm) == ""
 
 
 def test_a_measured_force_is_lost_after_and_not_at_its_time():
-    rig = Exact(0.0)
-    rig.watchdog.give(0.0)
-    assert rig.at(SOURCE_LOST_S, IN) == ""
-    assert rig.at(0.2, IN) == "the measured force is lost: none for 0.20 s"
-    rig = Exact(1.0)
-    rig.watchdog.give(1.0)
-    assert rig.at(1.25, IN, source="gone") == ("the measured force is lost: none for 0.25 s, gone")
+    bench = Exact(0.0)
+    bench.watchdog.give(0.0)
+    assert bench.at(SOURCE_LOST_S, IN) == ""
+    assert bench.at(0.2, IN) == "the measured force is lost: none for 0.20 s"
+    bench = Exact(1.0)
+    bench.watchdog.give(1.0)
+    assert bench.at(1.25, IN, source="gone") == (
+        "the measured force is lost: none for 0.25 s, gone"
+    )

@@ -37,7 +37,7 @@ from cardan.types import (
     Vector3,
 )
 from tests.examples import examples
-from tests.gateway.device_pose_rig import DEFLECTIONS, HAND, DevicePoseRig, close, displaced
+from tests.gateway.device_pose_bench import DEFLECTIONS, HAND, DevicePoseBench, close, displaced
 
 pytestmark = pytest.mark.matrix
 
@@ -45,9 +45,9 @@ NAN_AXES = (math.nan,) * 6
 
 
 def engaged(**options):
-    rig = DevicePoseRig(recapture="button_1", **options).run().tap("button_2")
-    assert rig.core.following
-    return rig
+    bench = DevicePoseBench(recapture="button_1", **options).run().tap("button_2")
+    assert bench.core.following
+    return bench
 
 
 # -- the law ---------------------------------------------------------------------------------------
@@ -58,20 +58,20 @@ def engaged(**options):
 )
 def test_the_papers_check_value(frame, expected):
     start = Pose(Vector3(0.3, -0.35, 0.1), from_rotation_vector(Vector3(0.0, math.pi / 2, 0.0)))
-    rig = DevicePoseRig(
+    bench = DevicePoseBench(
         start=start, frame=frame, device_rpy_deg=(90.0, 0.0, 90.0), orientation=Orientation.FIXED
     )
-    rig.put_device(Pose(Vector3(0.0, -0.02, 0.05), IDENTITY)).run().tap("button_2")
-    rig.send_pose(Pose(Vector3(0.03, 0.0, 0.01), from_euler_zyx(0.3, 0.2, 0.1))).run(2.0)
-    assert close(rig.tcp.position, expected)
-    assert close(rig.turned, (0.0, 0.0, 0.0))
-    assert close(rig.mapped_device, expected)
+    bench.put_device(Pose(Vector3(0.0, -0.02, 0.05), IDENTITY)).run().tap("button_2")
+    bench.send_pose(Pose(Vector3(0.03, 0.0, 0.01), from_euler_zyx(0.3, 0.2, 0.1))).run(2.0)
+    assert close(bench.tcp.position, expected)
+    assert close(bench.turned, (0.0, 0.0, 0.0))
+    assert close(bench.mapped_device, expected)
 
 
 def test_the_scale_multiplies_the_displacement():
-    rig = engaged(scale=(0.5, 2.0, 1.0, 1.0, 1.0, 1.0))
-    rig.send_pose(displaced(0.04, 0.03, 0.02)).run(2.0)
-    assert close(rig.moved, (0.02, 0.06, 0.02))
+    bench = engaged(scale=(0.5, 2.0, 1.0, 1.0, 1.0, 1.0))
+    bench.send_pose(displaced(0.04, 0.03, 0.02)).run(2.0)
+    assert close(bench.moved, (0.02, 0.06, 0.02))
 
 
 angles = st.floats(-0.25, 0.25)
@@ -87,81 +87,83 @@ rpys = st.tuples(*[st.floats(-180.0, 180.0)] * 3)
     st.sampled_from(list(Frame)),
 )
 def test_orientation_follows_as_the_reference_has_it(turn, rpy, kind, frame):
-    rig = engaged(device_rpy_deg=rpy, orientation=kind, frame=frame)
-    rig.send_pose(displaced(rx=turn.x, ry=turn.y, rz=turn.z)).run(2.0)
+    bench = engaged(device_rpy_deg=rpy, orientation=kind, frame=frame)
+    bench.send_pose(displaced(rx=turn.x, ry=turn.y, rz=turn.z)).run(2.0)
     align = from_euler_zyx(*(math.radians(angle) for angle in rpy))
-    hand, start = rig.device.pose.orientation, rig.start.orientation
+    hand, start = bench.device.pose.orientation, bench.start.orientation
     if kind is Orientation.FOLLOW_BASE:
         increment = multiply(hand, conjugate(HAND.orientation))
     else:
         increment = multiply(conjugate(HAND.orientation), hand)
     aligned = multiply(multiply(align, increment), conjugate(align))
     both = (aligned, start) if kind is Orientation.FOLLOW_BASE else (start, aligned)
-    assert norm(rotation_between(multiply(*both), rig.tcp.orientation)) < 1e-6
+    assert norm(rotation_between(multiply(*both), bench.tcp.orientation)) < 1e-6
 
 
 @pytest.mark.parametrize("frame", list(Frame))
 def test_without_a_word_on_orientation_the_frame_decides(frame):
-    rig = engaged(frame=frame)
-    rig.send_pose(displaced(rx=0.2, ry=-0.1)).run(2.0)
+    bench = engaged(frame=frame)
+    bench.send_pose(displaced(rx=0.2, ry=-0.1)).run(2.0)
     turn = Vector3(0.2, -0.1, 0.0)
-    assert close(rig.turned, turn if frame is Frame.BASE else rotate(rig.start.orientation, turn))
+    assert close(
+        bench.turned, turn if frame is Frame.BASE else rotate(bench.start.orientation, turn)
+    )
 
 
 def test_a_fixed_orientation_minds_no_flick_of_the_gimbal():
-    rig = engaged(orientation=Orientation.FIXED)
-    rig.put_device(displaced(x=0.01, rx=2.0)).run(1.0)
-    assert close(rig.moved, (0.01, 0.0, 0.0))
-    assert rig.core.phase is Phase.HOLDING
+    bench = engaged(orientation=Orientation.FIXED)
+    bench.put_device(displaced(x=0.01, rx=2.0)).run(1.0)
+    assert close(bench.moved, (0.01, 0.0, 0.0))
+    assert bench.core.phase is Phase.HOLDING
 
 
 # -- the buttons -----------------------------------------------------------------------------------
 
 
 def test_each_press_toggles_and_holding_means_nothing():
-    rig = DevicePoseRig().run().press("button_2").run(0.5)
-    assert rig.core.following
-    rig.send_pose(displaced(x=0.02)).run(1.0)
-    rig.release("button_2").run(0.1)
-    assert rig.core.following
-    rig.press("button_2").run(0.5)
-    assert not rig.core.following
-    assert rig.message == "let go of 'button_2', then press 'button_2' to move"
-    rig.send_pose(displaced(x=-0.2)).run(0.5).release("button_2").run(0.5)
-    assert close(rig.moved, (0.02, 0.0, 0.0))
-    rig.tap("button_2").send_pose(displaced(x=-0.19)).run(1.0)
-    assert close(rig.moved, (0.03, 0.0, 0.0))
+    bench = DevicePoseBench().run().press("button_2").run(0.5)
+    assert bench.core.following
+    bench.send_pose(displaced(x=0.02)).run(1.0)
+    bench.release("button_2").run(0.1)
+    assert bench.core.following
+    bench.press("button_2").run(0.5)
+    assert not bench.core.following
+    assert bench.message == "let go of 'button_2', then press 'button_2' to move"
+    bench.send_pose(displaced(x=-0.2)).run(0.5).release("button_2").run(0.5)
+    assert close(bench.moved, (0.02, 0.0, 0.0))
+    bench.tap("button_2").send_pose(displaced(x=-0.19)).run(1.0)
+    assert close(bench.moved, (0.03, 0.0, 0.0))
 
 
 def test_recapture_forgets_slip_and_lag():
-    rig = engaged(slip_m=0.1)
-    rig.send_pose(displaced(y=0.4)).run(0.15)
-    assert "slips" in rig.message
-    rig.run(0.2)
-    before = rig.velocity[0].y
+    bench = engaged(slip_m=0.1)
+    bench.send_pose(displaced(y=0.4)).run(0.15)
+    assert "slips" in bench.message
+    bench.run(0.2)
+    before = bench.velocity[0].y
     assert before > 0.2
-    rig.press("button_1").run()
-    assert rig.core.following
-    assert rig.message == ""
-    assert 0.0 < rig.velocity[0].y < before
-    y = rig.moved.y
+    bench.press("button_1").run()
+    assert bench.core.following
+    assert bench.message == ""
+    assert 0.0 < bench.velocity[0].y < before
+    y = bench.moved.y
     way = 0.0
     for _ in range(250):
-        rig.run()
-        assert rig.velocity[0].y >= -1e-9  # Motion while it braked is not drawn back.
-        way = rig.moved.y - y
-    assert rig.core.at_rest
+        bench.run()
+        assert bench.velocity[0].y >= -1e-9  # Motion while it braked is not drawn back.
+        way = bench.moved.y - y
+    assert bench.core.at_rest
     assert way == pytest.approx(before**2 / 2.0, abs=2e-3)
-    assert close(rig.mapped_device, rig.tcp.position)
+    assert close(bench.mapped_device, bench.tcp.position)
 
 
 def test_recapture_without_a_clutch_held_does_nothing():
-    rig = DevicePoseRig(recapture="button_1").run().tap("button_1")
-    assert rig.core.phase is Phase.DISARMED
-    rig = DevicePoseRig(deadman=("grip",), recapture="button_1").run().press("grip").run()
-    rig.send_pose(displaced(x=0.2)).run(0.3).press("button_1").run(1.0)
-    assert rig.core.following
-    assert 0.0 < rig.moved.x < 0.15
+    bench = DevicePoseBench(recapture="button_1").run().tap("button_1")
+    assert bench.core.phase is Phase.DISARMED
+    bench = DevicePoseBench(deadman=("grip",), recapture="button_1").run().press("grip").run()
+    bench.send_pose(displaced(x=0.2)).run(0.3).press("button_1").run(1.0)
+    assert bench.core.following
+    assert 0.0 < bench.moved.x < 0.15
 
 
 @pytest.mark.parametrize(
@@ -169,54 +171,54 @@ def test_recapture_without_a_clutch_held_does_nothing():
     [(("button_1", "button_2"), False), (("button_2", "button_1"), False)],
 )
 def test_both_buttons_in_one_tick_while_following(order, follows):
-    rig = engaged().send_pose(displaced(x=0.3)).run(0.3)
-    rig.press(*order).run(1.0)
-    assert rig.core.following is follows
-    assert rig.core.at_rest
+    bench = engaged().send_pose(displaced(x=0.3)).run(0.3)
+    bench.press(*order).run(1.0)
+    assert bench.core.following is follows
+    assert bench.core.at_rest
 
 
 @pytest.mark.parametrize("order", [("button_1", "button_2"), ("button_2", "button_1")])
 def test_both_buttons_in_one_tick_while_clutched_out(order):
-    rig = DevicePoseRig(recapture="button_1").run().press(*order).run(0.1)
-    assert rig.core.following
-    assert rig.moved == (0, 0, 0)
+    bench = DevicePoseBench(recapture="button_1").run().press(*order).run(0.1)
+    assert bench.core.following
+    assert bench.moved == (0, 0, 0)
 
 
 @given(st.lists(st.booleans(), max_size=7))
 @settings(max_examples=examples(50))
 def test_a_chattering_button_counts_its_presses(edges):
     """All in one tick; what bounces is the driver's to remove, but nothing else comes of it."""
-    rig = DevicePoseRig().run()
+    bench = DevicePoseBench().run()
     down, presses = False, 0
     for pressed in edges:
         if pressed is not down:
-            (rig.press if pressed else rig.release)("button_2")
+            (bench.press if pressed else bench.release)("button_2")
             down, presses = pressed, presses + pressed
-    rig.run()
-    assert rig.core.following is (presses % 2 == 1)
-    assert rig.moved == (0, 0, 0)
+    bench.run()
+    assert bench.core.following is (presses % 2 == 1)
+    assert bench.moved == (0, 0, 0)
 
 
 def test_out_and_in_again_in_one_tick_takes_the_references_anew():
-    rig = engaged().send_pose(displaced(x=0.1)).run(0.2)
-    rig.press("button_2").release("button_2").press("button_2").run(1.0)
-    assert rig.core.following
-    assert 0.0 < rig.moved.x < 0.06
-    assert close(rig.mapped_device, rig.tcp.position)
+    bench = engaged().send_pose(displaced(x=0.1)).run(0.2)
+    bench.press("button_2").release("button_2").press("button_2").run(1.0)
+    assert bench.core.following
+    assert 0.0 < bench.moved.x < 0.06
+    assert close(bench.mapped_device, bench.tcp.position)
 
 
 def test_clutch_and_dead_man_together_are_both_needed():
-    rig = DevicePoseRig(deadman=("button_1",), clutch="button_2").run()
-    assert rig.message == "press 'button_2', with 'button_1' held, to move"
-    rig.press("button_1").send_pose(displaced(x=0.05)).run(0.5)
-    assert rig.moved == (0, 0, 0)
-    rig.tap("button_2").send_pose(displaced(x=0.08)).run(1.0)
-    assert close(rig.moved, (0.03, 0, 0))
-    rig.release("button_1").run(0.5).send_pose(displaced()).run(0.5)
-    assert close(rig.moved, (0.03, 0, 0))
-    assert rig.core.phase is Phase.HOLDING
-    rig.press("button_1").run().send_pose(displaced(x=0.01)).run(1.0)
-    assert close(rig.moved, (0.04, 0, 0))
+    bench = DevicePoseBench(deadman=("button_1",), clutch="button_2").run()
+    assert bench.message == "press 'button_2', with 'button_1' held, to move"
+    bench.press("button_1").send_pose(displaced(x=0.05)).run(0.5)
+    assert bench.moved == (0, 0, 0)
+    bench.tap("button_2").send_pose(displaced(x=0.08)).run(1.0)
+    assert close(bench.moved, (0.03, 0, 0))
+    bench.release("button_1").run(0.5).send_pose(displaced()).run(0.5)
+    assert close(bench.moved, (0.03, 0, 0))
+    assert bench.core.phase is Phase.HOLDING
+    bench.press("button_1").run().send_pose(displaced(x=0.01)).run(1.0)
+    assert close(bench.moved, (0.04, 0, 0))
 
 
 # -- causes that take the hand off, and acts that do not bring it back -----------------------------
@@ -225,113 +227,113 @@ def test_clutch_and_dead_man_together_are_both_needed():
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])
 @pytest.mark.parametrize("told_anew", [False, True])
 def test_a_button_held_through_a_loss_is_not_pressed_anew(link, told_anew):
-    rig = DevicePoseRig().run().press("button_2").run(0.1).send_pose(displaced(x=0.1)).run(0.2)
-    live = rig.device
-    rig.device = live._replace(link=link, buttons=frozenset())
-    rig.run(0.5)
-    assert rig.core.at_rest
-    assert not rig.core.following
-    rig.device = live._replace(pose=rig.device_goal)
+    bench = DevicePoseBench().run().press("button_2").run(0.1).send_pose(displaced(x=0.1)).run(0.2)
+    live = bench.device
+    bench.device = live._replace(link=link, buttons=frozenset())
+    bench.run(0.5)
+    assert bench.core.at_rest
+    assert not bench.core.following
+    bench.device = live._replace(pose=bench.device_goal)
     if told_anew:
-        rig.press("button_2")
-    rig.run(0.5)
-    assert not rig.core.following
-    assert rig.message.endswith("let go of 'button_2', then press 'button_2' to move")
-    where = rig.moved
-    rig.release("button_2").run().tap("button_2").run(0.2)
-    assert rig.core.following
-    assert rig.moved == where
+        bench.press("button_2")
+    bench.run(0.5)
+    assert not bench.core.following
+    assert bench.message.endswith("let go of 'button_2', then press 'button_2' to move")
+    where = bench.moved
+    bench.release("button_2").run().tap("button_2").run(0.2)
+    assert bench.core.following
+    assert bench.moved == where
 
 
 @pytest.mark.parametrize("trouble", ["lost", "alarm", "silent robot", "stopping"])
 def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
-    rig = DevicePoseRig().run()
-    good_device, good_robot = rig.device, rig.robot
+    bench = DevicePoseBench().run()
+    good_device, good_robot = bench.device, bench.robot
     if trouble == "lost":
-        rig.device = rig.device._replace(link=DeviceLink.LOST, reason="unplugged")
+        bench.device = bench.device._replace(link=DeviceLink.LOST, reason="unplugged")
     elif trouble == "alarm":
-        rig.robot = rig.robot._replace(alarm="the port is flooded")
+        bench.robot = bench.robot._replace(alarm="the port is flooded")
     elif trouble == "silent robot":
-        rig.robot = rig.robot._replace(link=RobotLink.LOST)
+        bench.robot = bench.robot._replace(link=RobotLink.LOST)
     else:
-        rig.core.inhibit("the session's time is over", Inhibit.FOR_GOOD)
-    rig.run().tap("button_2").run(0.1)
-    rig.device = good_device._replace(stamp_s=rig.now_s)
-    rig.robot = good_robot
-    rig.send_pose(displaced(x=0.1)).run(0.5)
-    assert not rig.core.following
-    assert rig.moved == (0, 0, 0)
-    assert rig.core.status().trips == 0
+        bench.core.inhibit("the session's time is over", Inhibit.FOR_GOOD)
+    bench.run().tap("button_2").run(0.1)
+    bench.device = good_device._replace(stamp_s=bench.now_s)
+    bench.robot = good_robot
+    bench.send_pose(displaced(x=0.1)).run(0.5)
+    assert not bench.core.following
+    assert bench.moved == (0, 0, 0)
+    assert bench.core.status().trips == 0
 
 
 def test_somebody_else_may_take_the_hand_off_the_robot():
-    rig = engaged().send_pose(displaced(x=0.1)).run(0.2)
-    rig.core.inhibit("the force is lost", Inhibit.ONCE)
-    rig.press("button_2").run()  # In the same tick it does not re-arm.
-    assert not rig.core.following
-    assert rig.core.phase is Phase.BRAKING
-    assert rig.message.startswith("stopped before: the force is lost; ")
-    rig.run(1.0)
-    assert rig.core.at_rest
-    rig.release("button_2").run().tap("button_2").run(0.5)
-    assert rig.core.following
-    assert rig.core.status().trips == 1
+    bench = engaged().send_pose(displaced(x=0.1)).run(0.2)
+    bench.core.inhibit("the force is lost", Inhibit.ONCE)
+    bench.press("button_2").run()  # In the same tick it does not re-arm.
+    assert not bench.core.following
+    assert bench.core.phase is Phase.BRAKING
+    assert bench.message.startswith("stopped before: the force is lost; ")
+    bench.run(1.0)
+    assert bench.core.at_rest
+    bench.release("button_2").run().tap("button_2").run(0.5)
+    assert bench.core.following
+    assert bench.core.status().trips == 1
 
 
 def test_a_hand_that_is_suspended_is_waited_for_and_then_followed_without_a_step():
-    rig = engaged().send_pose(displaced(x=0.1)).run(0.15)
-    before = rig.moved
+    bench = engaged().send_pose(displaced(x=0.1)).run(0.15)
+    before = bench.moved
     for _ in range(50):
-        rig.core.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
-        rig.run()
-    assert rig.core.at_rest
-    assert rig.core.following
-    assert rig.moved.x - before.x < 0.03
-    rig.run(2.0)
-    assert close(rig.moved, (0.1, 0.0, 0.0))
+        bench.core.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
+        bench.run()
+    assert bench.core.at_rest
+    assert bench.core.following
+    assert bench.moved.x - before.x < 0.03
+    bench.run(2.0)
+    assert close(bench.moved, (0.1, 0.0, 0.0))
 
 
 def test_a_press_from_before_a_stall_begins_nothing():
-    rig = DevicePoseRig().run().press("button_2")
-    rig.run(0.3, dt_s=0.3)
-    assert not rig.core.following
-    rig.run(1.0)
-    assert not rig.core.following
+    bench = DevicePoseBench().run().press("button_2")
+    bench.run(0.3, dt_s=0.3)
+    assert not bench.core.following
+    bench.run(1.0)
+    assert not bench.core.following
 
 
 @pytest.mark.parametrize("held", [False, True])
 def test_no_hand_is_taken_up_while_the_robot_is_far_behind(held):
     button = "grip" if held else "button_2"
     limits = ReferenceLimits(max_lead_m=0.09)
-    rig = DevicePoseRig(limits=limits, **({"deadman": ("grip",)} if held else {})).run()
-    rig.press(button).run().send_pose(displaced(x=0.14))
-    rig.stuck = True
-    rig.run(0.6)
-    assert rig.core.following
-    rig.release(button).run()
+    bench = DevicePoseBench(limits=limits, **({"deadman": ("grip",)} if held else {})).run()
+    bench.press(button).run().send_pose(displaced(x=0.14))
+    bench.stuck = True
+    bench.run(0.6)
+    assert bench.core.following
+    bench.release(button).run()
     if not held:
-        rig.press(button).run().release(button).run()
-    assert not rig.core.following
-    rig.press(button).run()
-    assert not rig.core.following
-    assert "the clutch was not engaged: the robot is" in rig.message
-    assert "behind its reference" in rig.message
-    rig.run(2.0)
-    rig.stuck = False
-    rig.release(button).run(0.5).press(button).run()
-    assert rig.core.following
+        bench.press(button).run().release(button).run()
+    assert not bench.core.following
+    bench.press(button).run()
+    assert not bench.core.following
+    assert "the clutch was not engaged: the robot is" in bench.message
+    assert "behind its reference" in bench.message
+    bench.run(2.0)
+    bench.stuck = False
+    bench.release(button).run(0.5).press(button).run()
+    assert bench.core.following
 
 
 def test_an_old_press_begins_nothing_but_still_ends():
-    rig = DevicePoseRig().run()
-    rig.events.append(ButtonEvent(rig.now_s - 0.7, "button_2", True))
-    rig.run()
-    assert "it was pressed 0.7 s ago" in rig.message
-    rig.tap("button_2")
-    assert rig.core.following
-    rig.events.append(ButtonEvent(rig.now_s - 0.7, "button_2", True))
-    rig.run()
-    assert not rig.core.following
+    bench = DevicePoseBench().run()
+    bench.events.append(ButtonEvent(bench.now_s - 0.7, "button_2", True))
+    bench.run()
+    assert "it was pressed 0.7 s ago" in bench.message
+    bench.tap("button_2")
+    assert bench.core.following
+    bench.events.append(ButtonEvent(bench.now_s - 0.7, "button_2", True))
+    bench.run()
+    assert not bench.core.following
 
 
 def test_letting_go_brakes_at_the_braking_limits_and_not_as_softly_as_the_motion_was():
@@ -339,22 +341,22 @@ def test_letting_go_brakes_at_the_braking_limits_and_not_as_softly_as_the_motion
     ways = []
     for ends in ("clutch", "deadman", "trip"):
         held = {"deadman": ("grip",)} if ends == "deadman" else {}
-        rig = DevicePoseRig(limits=limits, **held).run()
+        bench = DevicePoseBench(limits=limits, **held).run()
         if held:
-            rig.press("grip").run()
+            bench.press("grip").run()
         else:
-            rig.tap("button_2")
-        rig.send_pose(displaced(x=0.14)).run(0.4)
-        x = rig.moved.x
+            bench.tap("button_2")
+        bench.send_pose(displaced(x=0.14)).run(0.4)
+        x = bench.moved.x
         if ends == "trip":
-            rig.device = rig.device._replace(link=DeviceLink.LOST)
+            bench.device = bench.device._replace(link=DeviceLink.LOST)
         elif held:
-            rig.release("grip")
+            bench.release("grip")
         else:
-            rig.press("button_2")
-        rig.run(1.0)
-        assert rig.core.at_rest
-        ways.append(rig.moved.x - x)
+            bench.press("button_2")
+        bench.run(1.0)
+        assert bench.core.at_rest
+        ways.append(bench.moved.x - x)
     speed_m_s = limits.linear_speed_m_s
     assert max(ways) <= speed_m_s**2 / (2.0 * limits.linear_acceleration_m_s2) + 2e-3
     assert max(ways) - min(ways) < 2e-3
@@ -378,16 +380,16 @@ def determinant(m):
     ),
 )
 def test_the_map_is_where_the_tcp_goes(rpy, frame, factors, axes):
-    rig = engaged(
+    bench = engaged(
         device_rpy_deg=rpy,
         frame=frame,
         scale=(*factors, 1.0, 1.0, 1.0),
         axes=(*axes, "rx", "ry", "rz"),
     )
-    assert close(rig.mapped_device, rig.start.position, 1e-12)
-    rig.send_pose(displaced(0.02, -0.03, 0.01, rz=0.2)).run(3.0)
-    assert close(rig.mapped_device, rig.tcp.position)
-    rotation = rig.core.device_map().rotation
+    assert close(bench.mapped_device, bench.start.position, 1e-12)
+    bench.send_pose(displaced(0.02, -0.03, 0.01, rz=0.2)).run(3.0)
+    assert close(bench.mapped_device, bench.tcp.position)
+    rotation = bench.core.device_map().rotation
     assert determinant(rotation) == pytest.approx(1.0)
     columns = [rotation[i::3] for i in range(3)]
     for i, a in enumerate(columns):
@@ -402,25 +404,25 @@ def test_the_map_is_where_the_tcp_goes(rpy, frame, factors, axes):
 
 
 def test_the_map_moves_with_a_slip():
-    rig = engaged(slip_m=0.1).send_pose(displaced(y=0.4)).run(5.0)
-    assert close(rig.mapped_device, rig.tcp.position)
-    assert rig.moved.y < 0.2
+    bench = engaged(slip_m=0.1).send_pose(displaced(y=0.4)).run(5.0)
+    assert close(bench.mapped_device, bench.tcp.position)
+    assert bench.moved.y < 0.2
 
 
 def test_the_map_ends_where_the_workspace_ends():
     """A wall beyond its edge is nothing that the TCP could meet."""
     limits = ReferenceLimits(workspace_x_m=(0.45, 0.55))
-    rig = DevicePoseRig(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
-    rig.send_pose(displaced(x=0.03, y=0.03)).run(2.0)
-    assert close(rig.mapped_device, rig.tcp.position)
-    rig.send_pose(displaced(x=0.12, y=0.05)).run(2.0)
-    assert close(rig.tcp.position, (0.55, 0.05, 0.4), 1e-4)
-    assert close(rig.mapped_device, (0.55, 0.05, 0.4), 1e-4)
-    rig.put_device(displaced(x=0.2, y=0.06))  # Until the next tick, along the edge alone.
-    assert close(rig.mapped_device, (0.55, 0.06, 0.4), 1e-4)
-    rig.put_device(displaced(x=0.12, y=0.05)).send_pose(displaced(x=0.02)).run(2.0)
-    assert close(rig.mapped_device, rig.tcp.position)
-    assert close(rig.tcp.position, (0.52, 0.0, 0.4), 1e-4)
+    bench = DevicePoseBench(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
+    bench.send_pose(displaced(x=0.03, y=0.03)).run(2.0)
+    assert close(bench.mapped_device, bench.tcp.position)
+    bench.send_pose(displaced(x=0.12, y=0.05)).run(2.0)
+    assert close(bench.tcp.position, (0.55, 0.05, 0.4), 1e-4)
+    assert close(bench.mapped_device, (0.55, 0.05, 0.4), 1e-4)
+    bench.put_device(displaced(x=0.2, y=0.06))  # Until the next tick, along the edge alone.
+    assert close(bench.mapped_device, (0.55, 0.06, 0.4), 1e-4)
+    bench.put_device(displaced(x=0.12, y=0.05)).send_pose(displaced(x=0.02)).run(2.0)
+    assert close(bench.mapped_device, bench.tcp.position)
+    assert close(bench.tcp.position, (0.52, 0.0, 0.4), 1e-4)
 
 
 @pytest.mark.parametrize(
@@ -480,36 +482,36 @@ plans = st.lists(
 )
 
 
-def play(rig, plan):
+def play(bench, plan):
     for (kind, value), ticks, dt_s in plan:
         if kind == "tap":
-            rig.tap(value)
+            bench.tap(value)
         elif kind == "press":
-            rig.press(value)
+            bench.press(value)
         elif kind == "release":
-            rig.release(value)
+            bench.release(value)
         elif kind == "both":
-            rig.press(*value).release(*value).press(value[0])
+            bench.press(*value).release(*value).press(value[0])
         elif kind == "send":
-            rig.send_pose(displaced(*value))
+            bench.send_pose(displaced(*value))
         elif kind == "jump":
-            rig.put_device(displaced(*value))
+            bench.put_device(displaced(*value))
         elif kind == "link":
-            rig.device = rig.device._replace(link=value)
+            bench.device = bench.device._replace(link=value)
         elif kind == "fresh":
-            rig.fresh = value
+            bench.fresh = value
         elif kind == "stuck":
-            rig.stuck = value
+            bench.stuck = value
         elif kind == "alarm":
-            rig.robot = rig.robot._replace(alarm=value)
+            bench.robot = bench.robot._replace(alarm=value)
         else:
-            rig.device = rig.device._replace(axes=value)
+            bench.device = bench.device._replace(axes=value)
         for _ in range(ticks):
-            rig.run(dt_s, dt_s)
-            world = rig.core.device_map()
-            pose_mode = rig.core.operator.mapping.options.mode is not Mode.RATE
-            assert (world is not None) is (rig.core.following and pose_mode)
-    return rig
+            bench.run(dt_s, dt_s)
+            world = bench.core.device_map()
+            pose_mode = bench.core.operator.mapping.options.mode is not Mode.RATE
+            assert (world is not None) is (bench.core.following and pose_mode)
+    return bench
 
 
 @settings(max_examples=examples(100))
@@ -524,8 +526,8 @@ def play(rig, plan):
     st.sampled_from([None, 4.0]),
 )  # fmt: skip
 def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
-    """The rig checks every command of whatever comes, and that a clutch taken at rest is still."""
-    rig = DevicePoseRig(
+    """The bench checks every command, and that a clutch taken at rest is still."""
+    bench = DevicePoseBench(
         limits=ReferenceLimits(
             linear_jerk_m_s3=jerk, workspace_x_m=(0.3, 0.8), workspace_z_m=(0.2, 0.7)
         ),
@@ -536,7 +538,7 @@ def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
         recapture="button_1",
         **buttons,
     )
-    play(rig.run().press("grip").run().tap("button_2"), plan)
+    play(bench.run().press("grip").run().tap("button_2"), plan)
 
 
 @settings(max_examples=examples(30))
@@ -544,15 +546,15 @@ def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
 def test_nothing_moves_without_a_following_hand(plan):
     """With a robot that is where it is told, so that nothing has to come back."""
     plan = [step for step in plan if step[0][0] != "stuck"]
-    rig = DevicePoseRig(recapture="button_1").run().tap("button_2")
-    play(rig, plan)
-    rig.device = rig.device._replace(link=DeviceLink.LOST)
-    rig.run(0.3)
-    where = rig.tcp
-    assert rig.core.at_rest
-    rig.send_pose(displaced(x=0.2)).run(0.2)
-    assert norm(subtract(rig.tcp.position, where.position)) == 0.0
-    assert norm(scale(rotation_between(rig.tcp.orientation, where.orientation), 1.0)) < 1e-12
+    bench = DevicePoseBench(recapture="button_1").run().tap("button_2")
+    play(bench, plan)
+    bench.device = bench.device._replace(link=DeviceLink.LOST)
+    bench.run(0.3)
+    where = bench.tcp
+    assert bench.core.at_rest
+    bench.send_pose(displaced(x=0.2)).run(0.2)
+    assert norm(subtract(bench.tcp.position, where.position)) == 0.0
+    assert norm(scale(rotation_between(bench.tcp.orientation, where.orientation), 1.0)) < 1e-12
 
 
 # -- with the model of an arm ----------------------------------------------------------------------

@@ -27,9 +27,9 @@ from cardan.gateway.servers import web
 from cardan.gateway.servers.rate_limit import BURST, FORGOTTEN_S
 from cardan.gateway.servers.registry import BUILT_IN
 from tests import certificates
-from tests.gateway.servers.console.rig import console
+from tests.gateway.servers.bench import WAIT_S, rosbridge, served
+from tests.gateway.servers.console.bench import console
 from tests.gateway.servers.memory_network import MemoryNetwork
-from tests.gateway.servers.rig import WAIT_S, rosbridge, served
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

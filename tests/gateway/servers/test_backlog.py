@@ -13,8 +13,8 @@ from websockets.frames import Frame, Opcode
 
 from cardan.demos.pauses import Pauses
 from cardan.gateway.arm.backlog import STALE_S
+from tests.gateway.servers.bench import plain_client, rosbridge
 from tests.gateway.servers.memory_network import MemoryNetwork
-from tests.gateway.servers.rig import plain_client, rosbridge
 from tests.waiting import STOOD_STILL, done_again, until
 
 pytestmark = pytest.mark.matrix

@@ -8,8 +8,8 @@ from websockets.exceptions import ConnectionClosed
 
 from cardan.gateway.servers import pause_detector
 from cardan.gateway.servers.pause_detector import STOOD_STILL_S, StandStill
+from tests.gateway.servers.bench import plain_client, rosbridge
 from tests.gateway.servers.memory_network import MemoryNetwork
-from tests.gateway.servers.rig import plain_client, rosbridge
 from tests.waiting import WITHIN_S, until
 
 TWIST = "geometry_msgs/msg/Twist"

@@ -8,9 +8,9 @@ pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[
 
 from cardan.gateway.servers.read_only import READING_SERVICES
 from cardan.protocols.ros2.interfaces import service_type
+from tests.gateway.servers.bench import plain_client, rosbridge
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.nodes import MOVE, Mover, Parameters
-from tests.gateway.servers.rig import plain_client, rosbridge
 
 pytestmark = pytest.mark.matrix
 

@@ -26,9 +26,9 @@ from cardan.gateway.servers import connection, rosbridge as server, rosbridge_cl
 from cardan.gateway.servers.rosbridge import RosbridgeOptions  # noqa: E402
 from cardan.protocols.rosbridge.delivery import MAX_SUBSCRIPTIONS  # noqa: E402
 from cardan.protocols.rosbridge.forms import EncodedMessage  # noqa: E402
+from tests.gateway.servers.bench import WAIT_S, PlainClient, plain_client, rosbridge  # noqa: E402
 from tests.gateway.servers.memory_network import SERVER, TEST_NODE, MemoryNetwork  # noqa: E402
 from tests.gateway.servers.nodes import MOVE, Mover, Parameters  # noqa: E402
-from tests.gateway.servers.rig import WAIT_S, PlainClient, plain_client, rosbridge  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
 pytestmark = pytest.mark.matrix

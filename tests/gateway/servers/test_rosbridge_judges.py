@@ -17,7 +17,7 @@ from tests.gateway.servers.nodes import Mover, Parameters
 cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
-from tests.gateway.servers.rig import plain_client, rosbridge  # noqa: E402
+from tests.gateway.servers.bench import plain_client, rosbridge  # noqa: E402
 from tests.npm import installed  # noqa: E402
 
 pytestmark = pytest.mark.matrix

@@ -14,7 +14,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.gateway.servers.rig import WAIT_S, plain_client, rosbridge
+from tests.gateway.servers.bench import WAIT_S, plain_client, rosbridge
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from tests.gateway.servers.bench import plain_client, rosbridge
 from tests.gateway.servers.memory_network import MemoryNetwork
-from tests.gateway.servers.rig import plain_client, rosbridge
 
 pytestmark = pytest.mark.matrix
 

@@ -18,9 +18,9 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan_dds import server as dds_server
 from cardan_dds.server import DdsBridgeOptions, DdsServerOptions
-from tests.dds_rig import OPTIONS, network as dds_node
+from tests.dds_network import OPTIONS, network as dds_node
 from tests.gateway.bus.test_liveness import served as session
-from tests.gateway.servers.rig import plain_client, rosbridge
+from tests.gateway.servers.bench import plain_client, rosbridge
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

@@ -129,7 +129,7 @@ def test_by_zenoh(endpoint, watcher, verb):
 
 def test_by_dds(endpoint, watcher):
     pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
-    from tests.dds_rig import OPTIONS, network
+    from tests.dds_network import OPTIONS, network
 
     number = str(OPTIONS.dds_domain)
     with (

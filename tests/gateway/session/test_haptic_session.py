@@ -19,7 +19,7 @@ class TorqueHaptic(FakeHaptic):
     feedback_limits = FeedbackLimits(3.0, 0.35)
 
 
-class Rig:
+class Bench:
     """A lone device in virtual time, and a program that publishes at 100 Hz."""
 
     def __init__(self, device=None, mode="cartesian"):
@@ -45,96 +45,96 @@ class Rig:
 
 
 def test_nothing_is_enabled_or_commanded_before_the_first_feedback():
-    rig = Rig()
-    rig.run(1.0)
-    assert rig.device.calls == []
-    assert rig.device.commands == []
-    assert rig.run(0.1, PUSH) == ""
-    assert rig.device.calls == ["enable"]
-    assert rig.last.engaged
-    assert 0.0 < rig.last.force.x < 0.3 * PUSH.x
-    rig.run(0.6, PUSH)
-    assert rig.last.force == PUSH
+    bench = Bench()
+    bench.run(1.0)
+    assert bench.device.calls == []
+    assert bench.device.commands == []
+    assert bench.run(0.1, PUSH) == ""
+    assert bench.device.calls == ["enable"]
+    assert bench.last.engaged
+    assert 0.0 < bench.last.force.x < 0.3 * PUSH.x
+    bench.run(0.6, PUSH)
+    assert bench.last.force == PUSH
 
 
 def test_a_force_that_the_device_does_not_let_out_yet_stays_small():
-    rig = Rig()
-    rig.device.lets_out = False
-    rig.run(1.0, PUSH)
-    assert rig.last.force == ZERO3
-    rig.device.lets_out = True
-    rig.run(0.6, PUSH)
-    assert rig.last.force == PUSH
-    rig.run(1.0)
-    rig.run(2 * PERIOD_S, PUSH)
-    assert rig.last.force.x < 0.05 * PUSH.x
+    bench = Bench()
+    bench.device.lets_out = False
+    bench.run(1.0, PUSH)
+    assert bench.last.force == ZERO3
+    bench.device.lets_out = True
+    bench.run(0.6, PUSH)
+    assert bench.last.force == PUSH
+    bench.run(1.0)
+    bench.run(2 * PERIOD_S, PUSH)
+    assert bench.last.force.x < 0.05 * PUSH.x
 
 
 def test_a_stream_that_falls_silent_is_let_go_once_it_is_too_old():
-    rig = Rig()
-    rig.run(0.5, PUSH)
-    rig.run(MAX_AGE_S - 3 * PERIOD_S)
-    assert rig.last.engaged
-    rig.run(4 * PERIOD_S)
-    assert not rig.last.engaged
-    count = len(rig.device.commands)
-    rig.run(1.0)
-    assert len(rig.device.commands) == count
-    rig.run(0.1, PUSH)
-    assert rig.last.engaged
+    bench = Bench()
+    bench.run(0.5, PUSH)
+    bench.run(MAX_AGE_S - 3 * PERIOD_S)
+    assert bench.last.engaged
+    bench.run(4 * PERIOD_S)
+    assert not bench.last.engaged
+    count = len(bench.device.commands)
+    bench.run(1.0)
+    assert len(bench.device.commands) == count
+    bench.run(0.1, PUSH)
+    assert bench.last.engaged
 
 
 def test_a_stop_ends_it_at_once_and_another_program_may_go_on():
-    rig = Rig()
-    rig.run(0.5, PUSH)
-    assert "another publisher" in rig.run(PERIOD_S, PUSH, publisher=2)
-    assert rig.feedback.stop() == ""
-    assert not rig.last.engaged
-    assert rig.run(0.1, PUSH, publisher=2) == ""
-    assert rig.last.engaged
+    bench = Bench()
+    bench.run(0.5, PUSH)
+    assert "another publisher" in bench.run(PERIOD_S, PUSH, publisher=2)
+    assert bench.feedback.stop() == ""
+    assert not bench.last.engaged
+    assert bench.run(0.1, PUSH, publisher=2) == ""
+    assert bench.last.engaged
 
 
 def test_after_a_fault_nothing_is_rendered_until_it_was_stopped_or_silent():
-    rig = Rig()
-    rig.run(0.5, PUSH)
+    bench = Bench()
+    bench.run(0.5, PUSH)
 
     def fault():
-        rig.device.told = rig.device.told._replace(
-            state=OperatingState.FAULT, faults=rig.device.told.faults + 1, reason="it flew"
+        bench.device.told = bench.device.told._replace(
+            state=OperatingState.FAULT, faults=bench.device.told.faults + 1, reason="it flew"
         )
 
     fault()
-    words = rig.run(0.5, PUSH)
+    words = bench.run(0.5, PUSH)
     assert words == "the force is lost: it flew; call stop_feedback, or be silent for 1 s"
-    assert rig.feedback.diagnosis()[0] == "the force is lost: it flew"
-    assert not rig.last.engaged
-    assert rig.device.calls == ["enable"]
-    rig.feedback.stop()
-    assert rig.run(0.1, PUSH) == ""
-    assert rig.device.calls == ["enable", "enable"]
-    assert rig.last.engaged
+    assert bench.feedback.diagnosis()[0] == "the force is lost: it flew"
+    assert not bench.last.engaged
+    assert bench.device.calls == ["enable"]
+    bench.feedback.stop()
+    assert bench.run(0.1, PUSH) == ""
+    assert bench.device.calls == ["enable", "enable"]
+    assert bench.last.engaged
     fault()
-    rig.run(0.1, PUSH)
-    assert not rig.last.engaged
-    rig.run(1.1 * LEASE_S)
-    assert rig.run(0.1, PUSH) == ""
-    assert rig.last.engaged
+    bench.run(0.1, PUSH)
+    assert not bench.last.engaged
+    bench.run(1.1 * LEASE_S)
+    assert bench.run(0.1, PUSH) == ""
+    assert bench.last.engaged
 
 
 def test_a_device_that_cannot_be_enabled_says_why():
-    rig = Rig()
-    rig.device.obstacle = "the stylus is in the inkwell"
-    assert rig.run(0.2, PUSH) == "no force: the stylus is in the inkwell"
-    rig.device.obstacle = ""
-    assert rig.run(0.2, PUSH) == ""
+    bench = Bench()
+    bench.device.obstacle = "the stylus is in the inkwell"
+    assert bench.run(0.2, PUSH) == "no force: the stylus is in the inkwell"
+    bench.device.obstacle = ""
+    assert bench.run(0.2, PUSH) == ""
 
 
 def test_torques_are_in_newton_meters():
-    rig = Rig(mode="joint")
-    assert rig.run(0.6, Vector3(0.2, -0.1, 0.0)) == ""
-    assert rig.last.joint_torques_n_m == (0.2, -0.1, 0.0)
-    assert "the unit is N·m, not mN·m" in rig.run(PERIOD_S, Vector3(350.0, 0.0, 0.0))
-    assert rig.last.joint_torques_n_m == (0.2, -0.1, 0.0)
+    bench = Bench(mode="joint")
+    assert bench.run(0.6, Vector3(0.2, -0.1, 0.0)) == ""
+    assert bench.last.joint_torques_n_m == (0.2, -0.1, 0.0)
+    assert "the unit is N·m, not mN·m" in bench.run(PERIOD_S, Vector3(350.0, 0.0, 0.0))
+    assert bench.last.joint_torques_n_m == (0.2, -0.1, 0.0)
 
 
 def test_a_file_needs_a_device_that_gives_force(tmp_path):

@@ -21,7 +21,7 @@ from cardan.gateway.session.scene import scene_of
 from cardan.robots import load_arm
 from cardan.robots.arm_bodies import to_se3
 from cardan.types import IDENTITY_POSE, Pose, Quaternion, Vector3
-from tests.gateway.bus.rig import FakeNode
+from tests.gateway.bus.bench import FakeNode
 
 TABLES = {
     "robot": {"driver": "sim_arm", "robot": "ur5"},

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.gateway.servers.console.rig import OPERATOR, console, page_program, token_file
+from tests.gateway.servers.console.bench import OPERATOR, console, page_program, token_file
 from tests.gateway.servers.memory_network import MemoryNetwork
 
 

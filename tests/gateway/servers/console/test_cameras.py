@@ -27,9 +27,9 @@ from cardan.gateway.servers.console.cameras import parse_camera
 from cardan.gateway.servers.console.server import ConsoleOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.names import checked_name
-from tests.gateway.servers.console.rig import VIEWER, console, page_program, token_file
+from tests.gateway.servers.bench import WAIT_S
+from tests.gateway.servers.console.bench import VIEWER, console, page_program, token_file
 from tests.gateway.servers.memory_network import MemoryNetwork
-from tests.gateway.servers.rig import WAIT_S
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

@@ -24,7 +24,7 @@ from cardan.protocols.handheld.frames import (
     decode_frame,
 )
 from cardan.types import Frame, Twist, Vector3
-from tests.gateway.servers.console.rig import ARM, VIEWER, FakeArm, console, page_program
+from tests.gateway.servers.console.bench import ARM, VIEWER, FakeArm, console, page_program
 from tests.protocols.test_handheld import TELEOP
 from tests.waiting import until
 

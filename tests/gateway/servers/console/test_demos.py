@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
 from cardan.common.realtime import SCHEDULING_VARIABLE, ask_for_real_time
-from tests.gateway.servers.console.rig import OPERATOR, VIEWER, page_program
+from tests.gateway.servers.console.bench import OPERATOR, VIEWER, page_program
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

@@ -11,7 +11,7 @@ pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[
 from cardan.protocols.handheld.frames import JogTwist, PhoneFrame
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import Vector3
-from tests.gateway.servers.console.rig import VIEWER, page_program
+from tests.gateway.servers.console.bench import VIEWER, page_program
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

@@ -13,7 +13,7 @@ from cardan.gateway.servers.console import records as module
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
-from tests.gateway.servers.console.rig import OPERATOR, VIEWER, console, page_program, token_file
+from tests.gateway.servers.console.bench import OPERATOR, VIEWER, console, page_program, token_file
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

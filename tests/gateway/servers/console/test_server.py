@@ -22,8 +22,8 @@ from websockets.sync.client import connect
 
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.servers.console.site import FOLDER
-from tests.gateway.servers.console.rig import PageProgram
-from tests.gateway.servers.rig import WAIT_S
+from tests.gateway.servers.bench import WAIT_S
+from tests.gateway.servers.console.bench import PageProgram
 from tests.serving import ARM_SESSION, free_endpoint
 from tests.waiting import until
 

@@ -16,8 +16,8 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from tests.gateway.servers.console.rig import console, page_program
-from tests.gateway.servers.rig import WAIT_S
+from tests.gateway.servers.bench import WAIT_S
+from tests.gateway.servers.console.bench import console, page_program
 from tests.serving import ARM_SESSION, free_endpoint
 from tests.waiting import until
 

@@ -14,7 +14,7 @@ from cardan.errors import AddressError, DriverError
 from cardan.protocols.handheld.frames import decode_frame
 from cardan.sim_peers.handheld import PagePeer, PagePeerOptions, XrPeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
-from tests.gateway.servers.console.rig import console
+from tests.gateway.servers.console.bench import console
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.serving import free_endpoint, in_a_thread
 from tests.waiting import until

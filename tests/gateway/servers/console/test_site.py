@@ -14,9 +14,9 @@ from cardan.common.cache import cache_bytes
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers.console.site import SECURITY, Site
 from cardan.robots.visuals import KIND
-from tests.gateway.servers.console.rig import console
+from tests.gateway.servers.bench import WAIT_S
+from tests.gateway.servers.console.bench import console
 from tests.gateway.servers.memory_network import MemoryNetwork
-from tests.gateway.servers.rig import WAIT_S
 
 pytestmark = pytest.mark.matrix
 

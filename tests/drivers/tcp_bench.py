@@ -4,8 +4,8 @@ LATENCY_S = 1.5e-4
 """One-way latency. With it a request is answered in 0.3 ms, as seen on a real line."""
 
 
-class TcpRig:
-    """The connections; a rig gives `session`, `servers` and `now_s`, and has what is in flight
+class TcpBench:
+    """The connections; a bench gives `session`, `servers` and `now_s`, and has what is in flight
     delivered."""
 
     def __init__(self):

@@ -172,7 +172,7 @@ def _again(times: list[float], away: list[float], commands: list[int]) -> float:
     return away[-1]
 
 
-class Rig(NamedTuple):
+class RobotAndSession(NamedTuple):
     """Running robot and its session."""
 
     peer: EgmControllerPeer
@@ -182,7 +182,7 @@ class Rig(NamedTuple):
 
 
 @contextlib.contextmanager
-def robot_and_session(folder: Path, more: str = "") -> Iterator[Rig]:
+def robot_and_session(folder: Path, more: str = "") -> Iterator[RobotAndSession]:
     """The robot, and the session of it, with `more` in its file."""
     endpoint, port = free_endpoint(), free_udp_port()
     path = folder / "session.toml"
@@ -196,7 +196,7 @@ def robot_and_session(folder: Path, more: str = "") -> Iterator[Rig]:
         tcp.start()
         session = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         try:
-            yield Rig(peer, tcp, endpoint)
+            yield RobotAndSession(peer, tcp, endpoint)
         finally:
             session.terminate()
             session.wait()

@@ -13,7 +13,7 @@ from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.gateway.servers.console.site import Site
 from cardan.protocols.handheld.frames import JogTwist, OperatorFrame, encode_frame
 from cardan.types import Vector3
-from tests.gateway.servers.rig import WAIT_S, served
+from tests.gateway.servers.bench import WAIT_S, served
 
 ARM, ASK = "/arm", "cardan_msgs/srv/Ask"
 VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"

@@ -20,7 +20,7 @@ TOUCH = Identity(
 )
 
 
-class Rig:
+class Bench:
     """A stylus that stands where it is put, ticked every ms and looked at every 10."""
 
     def __init__(self, options=None, identity=TOUCH):

@@ -40,9 +40,9 @@ from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3
-from tests.drivers.motoros_rig import Rig
-from tests.drivers.ros2_rig import received
-from tests.drivers.ur_rig import Rig as UrRig
+from tests.drivers.motoros_bench import SessionBench as MotorosSessionBench
+from tests.drivers.ros2_bench import received
+from tests.drivers.ur_bench import SessionBench as UrSessionBench
 
 Array = np.ndarray
 _B = TypeVar("_B", bound="Bench")
@@ -703,8 +703,8 @@ class _RosLink:
 # -- MotoROS --------------------------------------------------------------------------------------
 
 
-class _WatchedRig(Rig):
-    """The rig of the MotoROS tests, which notes where the arm is."""
+class _WatchedMotoros(MotorosSessionBench):
+    """The bench of the MotoROS tests, which notes where the arm is."""
 
     def __init__(self, bench: MotorosBench, *args: object, **kwargs: object) -> None:
         self._bench = bench
@@ -728,7 +728,7 @@ class MotorosBench(Bench):
     def __init__(self) -> None:
         super().__init__()
         self._row = 0
-        self.rig = _WatchedRig(
+        self.session_bench = _WatchedMotoros(
             self,
             {"mode": self.mode, "robot": self.arm},
             self._tell,
@@ -736,8 +736,8 @@ class MotorosBench(Bench):
             tick_s=1e-3,
             velocity_mode=self.mode == "velocity",
         )
-        feedback = self.rig.controller.feedback
-        self.rig.controller.feedback = lambda group: self._told(feedback(group))
+        feedback = self.session_bench.controller.feedback
+        self.session_bench.controller.feedback = lambda group: self._told(feedback(group))
         self._driver = Motoros(MotorosOptions(mode=self.mode, robot=self.arm))  # type: ignore[arg-type]
 
     @property
@@ -750,29 +750,29 @@ class MotorosBench(Bench):
 
     def watch(self) -> None:
         """Note where the arm is, once in each interpolation period."""
-        self.now_s = now_s = self.rig.now_s
+        self.now_s = now_s = self.session_bench.now_s
         row = int((now_s - _START_S) / self.IPC_S + 1e-6)
         if row > self._row:
-            joints = self.rig.controller.measured_rad(0)
+            joints = self.session_bench.controller.measured_rad(0)
             for n in range(self._row + 1, row + 1):
                 self._note(_START_S + n * self.IPC_S, joints)
             self._row = row
 
     def ready(self) -> Bench:
-        self.rig.ready()
+        self.session_bench.ready()
         return self
 
     def _turn(self, end_s: float) -> None:
-        self.rig.run(end_s - self.now_s)
-        self.now_s = self.rig.now_s
+        self.session_bench.run(end_s - self.now_s)
+        self.now_s = self.session_bench.now_s
 
     def _world(self, until_s: float) -> None:
-        rig = self.rig
-        while rig.now_s < until_s - 1e-9:
-            rig.now_s = min(rig.now_s + 1e-3, until_s)
-            rig.servers.advance(rig.now_s)
+        session_bench = self.session_bench
+        while session_bench.now_s < until_s - 1e-9:
+            session_bench.now_s = min(session_bench.now_s + 1e-3, until_s)
+            session_bench.servers.advance(session_bench.now_s)
             self.watch()
-        self.now_s = rig.now_s
+        self.now_s = session_bench.now_s
 
     def _told(self, feedback: object) -> object:
         time_s = feedback.time + self.lied_s(self.now_s)  # type: ignore[attr-defined]
@@ -787,29 +787,29 @@ class MotorosBench(Bench):
         return feedback._replace(pos=(pos[0] + turn, *pos[1:]))  # type: ignore[attr-defined]
 
     def close(self) -> None:
-        self.rig.session.leave(self.rig.now_s)
+        self.session_bench.session.leave(self.session_bench.now_s)
 
     def kill(self) -> None:
         super().kill()
-        rig = self.rig
-        for number in rig.numbers.values():
-            rig.servers.eof(number, rig.now_s)
+        session_bench = self.session_bench
+        for number in session_bench.numbers.values():
+            session_bench.servers.eof(number, session_bench.now_s)
 
     def restart(self) -> None:
         """Its connections break; it is there again at once, the drives without power."""
-        rig = self.rig
-        for channel in tuple(rig.numbers):
-            rig.unplug(channel)
-        rig.controller.servo(False, rig.now_s)
+        session_bench = self.session_bench
+        for channel in tuple(session_bench.numbers):
+            session_bench.unplug(channel)
+        session_bench.controller.servo(False, session_bench.now_s)
 
     def unready(self) -> None:
-        self.rig.controller.job_stop(self.rig.now_s)
+        self.session_bench.controller.job_stop(self.session_bench.now_s)
 
     def unpower(self) -> None:
-        self.rig.controller.servo(False, self.rig.now_s)
+        self.session_bench.controller.servo(False, self.session_bench.now_s)
 
     def hold(self) -> None:
-        self.rig.session.disable(self.rig.now_s)
+        self.session_bench.session.disable(self.session_bench.now_s)
 
 
 class MotorosStreamBench(MotorosBench):
@@ -823,8 +823,8 @@ class MotorosStreamBench(MotorosBench):
 # -- Universal Robots -----------------------------------------------------------------------------
 
 
-class _WatchedUrRig(UrRig):
-    """The rig of the UR tests, which notes where the arm is."""
+class _WatchedUr(UrSessionBench):
+    """The bench of the UR tests, which notes where the arm is."""
 
     def __init__(self, bench: UrBench, *args: object, **kwargs: object) -> None:
         self._bench = bench
@@ -849,8 +849,8 @@ class UrBench(Bench):
         super().__init__()
         given = {"robot": self.arm, "rate_hz": self.RATE_HZ}
         self._rows = 0
-        self.rig = _WatchedUrRig(self, given, self._tell, start_s=self.now_s)
-        telemetry = self.rig.servers.telemetry
+        self.session_bench = _WatchedUr(self, given, self._tell, start_s=self.now_s)
+        telemetry = self.session_bench.servers.telemetry
         value = telemetry.value
         telemetry.value = lambda name: self._told(name, value(name))  # type: ignore[method-assign]
         self._driver = UrRtde(UrRtdeOptions(**given))  # type: ignore[arg-type]
@@ -861,32 +861,32 @@ class UrBench(Bench):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        return self.rig.session.capabilities
+        return self.session_bench.session.capabilities
 
     @property
     def period_s(self) -> float:
-        return self.rig.controller.period_s
+        return self.session_bench.controller.period_s
 
     def watch(self) -> None:
         """Note where the arm was in each frame of its controller."""
-        trace = self.rig.trace
+        trace = self.session_bench.trace
         for time_s, _, joints in trace[self._rows :]:
             self._note(time_s, joints)
         self._rows = len(trace)
 
     def ready(self) -> Bench:
-        self.rig.ready()
+        self.session_bench.ready()
         return self
 
     def _turn(self, end_s: float) -> None:
-        self.rig.run(end_s - self.rig.now_s)
+        self.session_bench.run(end_s - self.session_bench.now_s)
 
     def _world(self, until_s: float) -> None:
-        self.rig.stall(until_s - self.rig.now_s)
+        self.session_bench.stall(until_s - self.session_bench.now_s)
 
     def _told(self, name: str, value: Any) -> Any:
         if name == "timestamp":
-            return value + self.lied_s(self.rig.now_s)
+            return value + self.lied_s(self.session_bench.now_s)
         if name != "actual_q" or self.bad not in ("nan", "jump"):
             return value
         if self.bad == "nan":
@@ -895,29 +895,29 @@ class UrBench(Bench):
         return (value[0] + JUMP_M / math.hypot(place[0], place[1]), *value[1:])
 
     def close(self) -> None:
-        self.rig.session.leave(self.rig.now_s)
+        self.session_bench.session.leave(self.session_bench.now_s)
 
     def kill(self) -> None:
         super().kill()
-        rig = self.rig
-        for number in rig.numbers.values():
-            rig.servers.eof(number, rig.now_s)
-        rig.numbers.clear()
+        session_bench = self.session_bench
+        for number in session_bench.numbers.values():
+            session_bench.servers.eof(number, session_bench.now_s)
+        session_bench.numbers.clear()
 
     def restart(self) -> None:
         """Its connections break, its program and registers are gone, and it is without power."""
-        for channel in tuple(self.rig.numbers):
-            self.rig.unplug(channel)
-        self.rig.controller.restart()
+        for channel in tuple(self.session_bench.numbers):
+            self.session_bench.unplug(channel)
+        self.session_bench.controller.restart()
 
     def unready(self) -> None:
-        self.rig.controller.stop_program()
+        self.session_bench.controller.stop_program()
 
     def unpower(self) -> None:
-        self.rig.controller.power_off()
+        self.session_bench.controller.power_off()
 
     def hold(self) -> None:
-        self.rig.session.ask("disable", self.rig.now_s)
+        self.session_bench.session.ask("disable", self.session_bench.now_s)
 
 
 BENCHES: tuple[type[Bench], ...] = (

@@ -212,7 +212,7 @@ class Session:
 Driving = Streams | Shaped | Session
 
 
-class Rig:
+class Bench:
     """A robot with its record."""
 
     def __init__(

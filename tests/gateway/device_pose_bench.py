@@ -58,7 +58,7 @@ def close(a, b, tolerance=1e-6):
     return all(abs(u - v) <= tolerance for u, v in zip(a, b, strict=True))
 
 
-class DevicePoseRig:
+class DevicePoseBench:
     """A hand that goes where it is sent as fast as hands do, buttons, and a robot."""
 
     def __init__(

@@ -38,7 +38,7 @@ BARE: dict[str, Any] = {"damping_n_s_m": 0.0, **ROOM}
 NAN = float("nan")
 
 
-class Rig:
+class Bench:
     """A tick, its clock, and a command source that never falls silent unless told to."""
 
     def __init__(self, **limits: Any) -> None:
@@ -123,12 +123,12 @@ def distance(a: Vector3, b: Vector3) -> float:
 
 def commanded(fixture: Fixture, *points: Vector3, world: WorldMap | None = None) -> Vector3:
     """Return the force of a fixture at the last of these points, after the others."""
-    rig = Rig(**BARE)
-    rig.tick.enable()
-    rig.send(fixtures=(fixture,), world=world or WorldMap())
+    bench = Bench(**BARE)
+    bench.tick.enable()
+    bench.send(fixtures=(fixture,), world=world or WorldMap())
     for point in points:
-        rig.run(0.5, position=point)  # long enough that nothing moves any more
-    return rig.state.force_commanded
+        bench.run(0.5, position=point)  # long enough that nothing moves any more
+    return bench.state.force_commanded
 
 
 def rotation(x: float, y: float, z: float) -> tuple[float, ...]:

@@ -6,10 +6,10 @@ from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import CHANNELS, UrSession
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.types import HoldCommand
-from tests.drivers.tcp_rig import TcpRig
+from tests.drivers.tcp_bench import TcpBench
 
 
-class Rig(TcpRig):
+class SessionBench(TcpBench):
     """Session and controller; `answer` makes the command for each state that asks for one."""
 
     def __init__(self, driver=None, answer=None, start_s=100.0, **controller):

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from websockets.sync.client import connect
 
 from cardan_foxglove.server import FoxgloveOptions, FoxgloveServer
-from tests.gateway.servers.rig import WAIT_S, served
+from tests.gateway.servers.bench import WAIT_S, served
 
 
 def foxglove_server(network, **options):

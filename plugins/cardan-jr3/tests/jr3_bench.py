@@ -14,7 +14,7 @@ SCALES = TEO_SENSORS["right-hand"]
 STEP_S = 0.001
 
 
-class Rig:
+class Bench:
     """Times are s from power-on; `run` moves them in steps of a millisecond."""
 
     def __init__(

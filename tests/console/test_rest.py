@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.console.rig import PAUSE_S, _again
+from tests.console.robot_and_server import PAUSE_S, _again
 
 SAMPLE_S = 0.004
 

@@ -9,13 +9,13 @@ from cardan.sim_peers.motoros_controller import (
     MotorosServers,
 )
 from cardan.types import HoldCommand
-from tests.drivers.tcp_rig import TcpRig
+from tests.drivers.tcp_bench import TcpBench
 
 TICK_S = 2.5e-4
 """At most so much time passes at once."""
 
 
-class Rig(TcpRig):
+class SessionBench(TcpBench):
     """Session and controller; `answer` makes the command for each state that asks for one."""
 
     kind_of_session = MotorosSession

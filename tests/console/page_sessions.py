@@ -14,7 +14,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.ros2.cdr import codec_of
-from tests.console.rig import ServerProcess, console_server
+from tests.console.robot_and_server import ServerProcess, console_server
 from tests.serving import free_endpoint
 from tests.waiting import until
 

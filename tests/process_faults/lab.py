@@ -324,7 +324,7 @@ class Noted(Trace):
 
 
 class Child:
-    """A process of the rig, with the lines that it says."""
+    """A process of the lab, with the lines that it says."""
 
     def __init__(self, words: Sequence[str], log: Path, **options: Any) -> None:
         self.log = log
