@@ -234,9 +234,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say once what was left out for want of a program, and what installs it; and what took the
     place of what a page says."""
     for report in terminalreporter.getreports("passed"):
-        for name, told in report.user_properties:
+        for name, reported in report.user_properties:
             if name == "stand-in" and report.when == "call":
-                terminalreporter.write_line(f"STAND-IN: {told}")
+                terminalreporter.write_line(f"STAND-IN: {reported}")
     missing = Counter(
         report.longrepr[2].removeprefix("Skipped: ")
         for report in terminalreporter.getreports("skipped")

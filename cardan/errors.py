@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 _MOST_SHOWN = 300
 """Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""
-_MOST_TOLD = 10
+_MOST_REPORTED = 10
 """Errors of a file that are told at once."""
 _LINE_END = "\n"
 """Stays in messages of several lines, as those about a file."""
@@ -181,7 +181,7 @@ def together(errors: Iterable[ConfigurationError]) -> ConfigurationError:
     """The first of the errors of a file, and after it the others, each once and not too many."""
     each_once = {str(one): one for error in errors for one in (_alone(error), *error.others)}
     first, *others = each_once.values()
-    if (more := len(others) + 1 - _MOST_TOLD) > 0:
+    if (more := len(others) + 1 - _MOST_REPORTED) > 0:
         last = others[-more - 1]
         others[-more - 1 :] = [ConfigurationError(last.key, f"{last.message} (and {more} more)")]
     first.others = tuple(others)

@@ -98,8 +98,8 @@ class Drawing:
         picture = Image.new("RGB", (FINER * WIDTH, FINER * HEIGHT), PAPER)
         self._draw = ImageDraw.Draw(picture)
         self._write(16, 12, "cardan demo", 17, INK)
-        told = "simulated SpaceMouse (HID)  >  gateway  >  simulated ABB GoFa (EGM, 250 Hz)"
-        self._write(140, 15, told, 13, ARM)
+        reported = "simulated SpaceMouse (HID)  >  gateway  >  simulated ABB GoFa (EGM, 250 Hz)"
+        self._write(140, 15, reported, 13, ARM)
         self._device(snapshot)
         self._arm(snapshot)
         self._draw.rectangle((0, FINER * 328, FINER * WIDTH, FINER * HEIGHT), fill=PAPER)

@@ -270,11 +270,11 @@ def spnav_buttons() -> str:
         keys: dict[int, list[str]] = {}
         for label in mouse.capabilities.buttons:
             keys.setdefault(identity.button_numbers[label], []).append(f"`{label}`")
-        told = ", ".join(f"{number} {' or '.join(keys[number])}" for number in sorted(keys))
-        devices.setdefault(told, []).append(identity.name)
+        reported = ", ".join(f"{number} {' or '.join(keys[number])}" for number in sorted(keys))
+        devices.setdefault(reported, []).append(identity.name)
     return markdown(
         ("devices", "N of `button-N`, and the key"),
-        ((", ".join(dict.fromkeys(names)), told) for told, names in devices.items()),
+        ((", ".join(dict.fromkeys(names)), reported) for reported, names in devices.items()),
     )
 
 
@@ -282,10 +282,10 @@ def states() -> str:
     """The machines of an arm, with what is written under each member."""
     rows = []
     for machine in get_type_hints(States).values():
-        (told,) = ast.parse(inspect.getsource(machine)).body
-        assert isinstance(told, ast.ClassDef)
+        (reported,) = ast.parse(inspect.getsource(machine)).body
+        assert isinstance(reported, ast.ClassDef)
         what = str(inspect.getdoc(machine)).rstrip(".")
-        for member, below in pairwise(told.body):
+        for member, below in pairwise(reported.body):
             match member, below:
                 case (
                     ast.Assign(value=ast.Constant(value=str(name))),

@@ -317,7 +317,9 @@ class _Datagrams(Bench):
         now_s = self._next_s
         self._next_s += self.period_s
         for data in self._cycle(now_s):
-            self.deliver(self._told(self._timed(data, self.lied_s(now_s)) if self.clock else data))
+            self.deliver(
+                self._falsified(self._timed(data, self.lied_s(now_s)) if self.clock else data)
+            )
         if self.flooded:
             for _ in range(20):
                 self.deliver(b"garbage")
@@ -338,7 +340,7 @@ class _Datagrams(Bench):
         return bool(self.queue)
 
     @abstractmethod
-    def _told(self, data: bytes) -> bytes:
+    def _falsified(self, data: bytes) -> bytes:
         """Return `data` as it arrives, with the error `bad`."""
 
     @abstractmethod
@@ -451,7 +453,7 @@ class EgmBench(_Datagrams):
         data = self.controller.cycle(now_s)
         return () if data is None else (data,)
 
-    def _told(self, data: bytes) -> bytes:
+    def _falsified(self, data: bytes) -> bytes:
         if not self.bad:
             return data
         message = decode_robot(data)
@@ -558,7 +560,7 @@ class JointStreamBench(_Datagrams):
     def _cycle(self, now_s: float) -> Sequence[bytes]:
         return self.peer.cycle(now_s)
 
-    def _told(self, data: bytes) -> bytes:
+    def _falsified(self, data: bytes) -> bytes:
         if not self.bad:
             return data
         state = decode_state(data)
@@ -626,7 +628,7 @@ class Ros2Bench(_Datagrams):
             self.queue.popleft()
         self.queue.append((data, self.SOURCE))
 
-    def _told(self, data: Any) -> Any:
+    def _falsified(self, data: Any) -> Any:
         if self.bad not in ("nan", "jump"):
             return data
         codec = codec_of(STATE_TYPE)
@@ -737,7 +739,7 @@ class MotorosBench(Bench):
             velocity_mode=self.mode == "velocity",
         )
         feedback = self.session_bench.controller.feedback
-        self.session_bench.controller.feedback = lambda group: self._told(feedback(group))
+        self.session_bench.controller.feedback = lambda group: self._falsified(feedback(group))
         self._driver = Motoros(MotorosOptions(mode=self.mode, robot=self.arm))  # type: ignore[arg-type]
 
     @property
@@ -774,7 +776,7 @@ class MotorosBench(Bench):
             self.watch()
         self.now_s = session_bench.now_s
 
-    def _told(self, feedback: object) -> object:
+    def _falsified(self, feedback: object) -> object:
         time_s = feedback.time + self.lied_s(self.now_s)  # type: ignore[attr-defined]
         feedback = feedback._replace(time=time_s)  # type: ignore[attr-defined]
         if self.bad not in ("nan", "jump"):
@@ -852,7 +854,7 @@ class UrBench(Bench):
         self.session_bench = _WatchedUr(self, given, self._tell, start_s=self.now_s)
         telemetry = self.session_bench.servers.telemetry
         value = telemetry.value
-        telemetry.value = lambda name: self._told(name, value(name))  # type: ignore[method-assign]
+        telemetry.value = lambda name: self._falsified(name, value(name))  # type: ignore[method-assign]
         self._driver = UrRtde(UrRtdeOptions(**given))  # type: ignore[arg-type]
 
     @property
@@ -884,7 +886,7 @@ class UrBench(Bench):
     def _world(self, until_s: float) -> None:
         self.session_bench.stall(until_s - self.session_bench.now_s)
 
-    def _told(self, name: str, value: Any) -> Any:
+    def _falsified(self, name: str, value: Any) -> Any:
         if name == "timestamp":
             return value + self.lied_s(self.session_bench.now_s)
         if name != "actual_q" or self.bad not in ("nan", "jump"):

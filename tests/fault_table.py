@@ -182,8 +182,8 @@ def in_a_copy(work: Callable[[], _T]) -> _T:
     if copy == 0:
         code = 1
         try:
-            with open(writing, "wb") as told:
-                pickle.dump(work(), told)
+            with open(writing, "wb") as writer:
+                pickle.dump(work(), writer)
             code = 0
         except BaseException:
             traceback.print_exc()

@@ -274,8 +274,8 @@ def rest_by_s(pilot: RemoteOperator, fault: Fault, at_s: float) -> float:
     remote = pilot.remote
     braked_s = BRAKING_S + pilot.bench.period_s + SERVO_S
     if fault.by_hand:
-        told = (came_s for came_s, made_s, _ in remote.came if made_s >= pilot.let_go_s - 1e-9)
-        return min(told) + braked_s
+        reported = (came_s for came_s, made_s, _ in remote.came if made_s >= pilot.let_go_s - 1e-9)
+        return min(reported) + braked_s
     max_age_s = pilot.network.max_age_s
     # Each way takes a step of the bench's time, too.
     round_s = remote.down.link.slowest_s + remote.up.link.slowest_s + 2.0 * STEP_S

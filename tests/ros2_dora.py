@@ -17,7 +17,7 @@ import pyarrow as pa  # noqa: E402
 TIMEOUT_S = 120.0
 
 
-class Told(dict):
+class Reports(dict):
     """Results; each is printed to stderr as soon as it is there, to show what is still missing."""
 
     def __setitem__(self, name, value):
@@ -48,28 +48,28 @@ def main(config, arm):
                 return message
         return None
 
-    told = Told()
+    reported = Reports()
     poses = node.create_subscription(topic("state/pose", "geometry_msgs/PoseStamped"), qos)
     results = node.create_subscription(topic("result", "cardan_msgs/CommandResult"), qos)
     commands = node.create_publisher(topic("command/movl", "geometry_msgs/Pose"), qos)
-    told["stop"] = call("stop", "std_srvs/Trigger", {})
-    told["pose"] = heard(poses)
+    reported["stop"] = call("stop", "std_srvs/Trigger", {})
+    reported["pose"] = heard(poses)
     pose = call("stat", "cardan_msgs/Stat", {})["pose"]["pose"]
     pose["position"]["z"] -= 0.02
     commands.publish(pa.array([pose]))
-    told["accepted"] = heard(results, lambda each: each["command"] == "movl")
-    told["wait"] = call("wait", "cardan_msgs/Wait", {"timeout": TIMEOUT_S})
-    told["types"] = call(
+    reported["accepted"] = heard(results, lambda each: each["command"] == "movl")
+    reported["wait"] = call("wait", "cardan_msgs/Wait", {"timeout": TIMEOUT_S})
+    reported["types"] = call(
         "get_parameter_types", "rcl_interfaces/GetParameterTypes", {"names": ["gain", "frame"]},
         parameters,
     )["types"]  # fmt: skip
     action = node.create_action_client(f"{arm}/action/movl", "cardan_msgs/MovePose", qos)
     pose["position"]["z"] += 0.02
     goal = action.send_goal(pa.array([{"x": pose}]), TIMEOUT_S)
-    told["feedback"] = action.take_feedback(goal, TIMEOUT_S).to_pylist()[0]
+    reported["feedback"] = action.take_feedback(goal, TIMEOUT_S).to_pylist()[0]
     status, result = action.take_result(goal, TIMEOUT_S)
-    told["result"] = [status, result.to_pylist()[0]]
-    print(json.dumps(told), flush=True)
+    reported["result"] = [status, result.to_pylist()[0]]
+    print(json.dumps(reported), flush=True)
 
 
 if __name__ == "__main__":

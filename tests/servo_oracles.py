@@ -315,12 +315,12 @@ def programs(count, seed=0, degenerate=False):
         program = random_program(generator, degenerate)
         x, multiplier, iterations, flag, again, warm = program.by_kernel()
         assert flag == warm == 0, program
-        y, told = program.by_daqp()
+        y, reported = program.by_daqp()
         most = max(most, iterations)
         warm_off = max(warm_off, np.abs(np.array(again.x[: len(x)]) - x).max())
         residual = max(residual, program.residual(x, multiplier))
-        apart = np.abs(x - y).max() if told > 0 else math.inf
-        if apart > 1e-8 and (told < 1 or program.no_worse(x, y)):
+        apart = np.abs(x - y).max() if reported > 0 else math.inf
+        if apart > 1e-8 and (reported < 1 or program.no_worse(x, y)):
             better += 1
         else:
             off = max(off, apart)

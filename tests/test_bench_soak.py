@@ -16,10 +16,10 @@ from bench.soak import faults, judge, motion_scripts, page, soak, watch
 from bench.soak.judge import (
     AT_REST_S,
     RECOVERED_S,
-    TOLD_S,
+    REPORT_S,
     ArmJudge,
     RecoveryJudge,
-    Told,
+    SessionReport,
     drifts,
     problem_of,
     quantile_s,
@@ -55,7 +55,7 @@ class Bench:
             self.now_s += STEP_S
             self.arm.measured(self.now_s, speed)
             if tells:
-                self.arm.told(Told(self.now_s, self.pid, self.authority, self.phase))
+                self.arm.on_report(SessionReport(self.now_s, self.pid, self.authority, self.phase))
 
     def is_moved_by(self, source):
         self.authority, self.phase = source, "moving"
@@ -117,9 +117,9 @@ def test_two_who_ask_are_both_waited_for(bench):
 
 def test_a_motion_without_authority_breaks_a_rule(bench):
     bench.arm.asks("hand", bench.now_s)
-    bench.lasts(TOLD_S - 0.2, FAST)
+    bench.lasts(REPORT_S - 0.2, FAST)
     assert bench.rules == []  # The session's reports may be late.
-    bench.lasts(TOLD_S, FAST)
+    bench.lasts(REPORT_S, FAST)
     assert bench.rules == ["moves without authority"]
 
 
@@ -130,7 +130,7 @@ def test_braking_needs_no_authority(bench):
     assert bench.rules == []
 
 
-def test_a_session_that_tells_nothing_is_not_judged_by_what_it_told(bench):
+def test_a_session_that_tells_nothing_is_not_judged_by_what_it_reported(bench):
     bench.is_moved_by("hand")
     bench.authority = ""
     bench.lasts(5.0, FAST, tells=False)

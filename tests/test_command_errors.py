@@ -239,6 +239,6 @@ def test_a_duration_is_a_finite_number(cardan, command, seconds):
     ],
 )
 def test_a_peer_names_the_flag_in_one_line(cardan, words, said):
-    told = cardan("sim", *words, code=2)
-    assert told.startswith(said)
-    assert told.count("\n") == 1
+    reported = cardan("sim", *words, code=2)
+    assert reported.startswith(said)
+    assert reported.count("\n") == 1

@@ -139,7 +139,7 @@ def complete(*words, **environment):
         (("doctor", "--re"), ["--report"]),
     ],
 )
-def test_the_shell_is_told(words, found):
+def test_the_shell_is_reported(words, found):
     assert complete(*words) == found
 
 

@@ -19,8 +19,8 @@ def run(*words):
     """The command in this process: its exit code."""
     try:
         return app(["conform", *words], standalone_mode=False) or 0
-    except SystemExit as told:
-        return told.code
+    except SystemExit as reported:
+        return reported.code
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_reports_are_saved_and_compared(output, tmp_path):
     assert {*report["attached"]} == {"capture.pcap", "record.mcap"}
 
 
-def test_a_report_is_not_written_over_without_being_told(output, tmp_path):
+def test_a_report_is_not_written_over_without_being_reported(output, tmp_path):
     words = ("egm", "--level", "0", "--save", str(tmp_path))
     assert run(*words) == 0
     before = (tmp_path / "report.json").read_bytes()
@@ -156,10 +156,10 @@ def test_a_suite_of_a_plug_in_that_is_not_installed_says_what_installs_it(monkey
     monkeypatch.setattr(registry.FINDER, "_installed", list)
     with pytest.raises(ConfigurationError) as error:
         run(name, "--level", "0")
-    told = str(error.value)
-    assert told.startswith(f"protocol: {name!r} is in the folder plugins/cardan-conform-arms ")
-    assert "`pip install ./plugins/cardan-conform-arms`" in told
-    assert "\n" not in told
+    reported = str(error.value)
+    assert reported.startswith(f"protocol: {name!r} is in the folder plugins/cardan-conform-arms ")
+    assert "`pip install ./plugins/cardan-conform-arms`" in reported
+    assert "\n" not in reported
 
 
 def test_suites_of_other_packages_are_there_and_broken_ones_are_named(output, monkeypatch):

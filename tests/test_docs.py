@@ -156,10 +156,10 @@ OPTIONS_OF = {driver.Options: name for name, driver in ours(registry).items()}
 
 def options_table(page, options):
     """The rows of a page about the options of a driver, where several share it of that one."""
-    told = section(text(page), "Options")
+    reported = section(text(page), "Options")
     own = f"Options of `{OPTIONS_OF.get(options)}`"
-    shared, *_ = re.split(r"^### Options of ", told, flags=re.MULTILINE)
-    return rows(shared) | (rows(section(told, own)) if f"# {own}\n" in told else {})
+    shared, *_ = re.split(r"^### Options of ", reported, flags=re.MULTILINE)
+    return rows(shared) | (rows(section(reported, own)) if f"# {own}\n" in reported else {})
 
 
 @pytest.mark.parametrize(("page", "options"), DRIVER_PAGES)
@@ -175,19 +175,23 @@ def test_every_configuration_key_is_there_with_its_default(name):
     page = text("configuration.md")
     heading = f"`[{name}]`" if f"## `[{name}]`" in page else f"`[[{name}]]`"
     table = rows(section(page, heading))
-    told = {key: cells[0] for key, cells in table.items()}
+    reported = {key: cells[0] for key, cells in table.items()}
     defaults: dict[str, set[str]] = {}
     for kind in TABLES[name]:
         for key, field in keys_of(kind).items():
             defaults.setdefault(key, set()).add(default_of(field))
     if len(TABLES[name]) > 1:
-        assert told.pop(TAGS[name]) in {"must be given", *defaults.pop(TAGS[name])}
+        assert reported.pop(TAGS[name]) in {"must be given", *defaults.pop(TAGS[name])}
     assert {key for key, found in defaults.items() if len(found) > 1} == SEVERAL_DEFAULTS.get(
         name, set()
     )
-    assert told.keys() == defaults.keys()
+    assert reported.keys() == defaults.keys()
     for key, found in defaults.items():
-        assert told[key] in found if len(found) == 1 else all(each in told[key] for each in found)
+        assert (
+            reported[key] in found
+            if len(found) == 1
+            else all(each in reported[key] for each in found)
+        )
 
 
 @pytest.mark.parametrize(
@@ -297,9 +301,11 @@ def test_every_key_of_a_demo_is_there_with_its_default():
 
 
 def test_the_first_of_the_allowed_drivers_are_named():
-    told = re.search(r"there is no driver 'spacemous'; allowed: (.*) \[", text("configuration.md"))
-    assert told
-    *first, more = told[1].split(", ")
+    reported = re.search(
+        r"there is no driver 'spacemous'; allowed: (.*) \[", text("configuration.md")
+    )
+    assert reported
+    *first, more = reported[1].split(", ")
     assert more == "...; did you mean 'spacemouse'?"
     devices = (
         name for name in registry.BUILT_IN if issubclass(registry.load(name), OperatorDevice)
@@ -330,7 +336,7 @@ PEERS = [
 ]
 
 
-def told_of(name: str) -> str:
+def peer_section(name: str) -> str:
     """Return the page of a simulated peer under its heading, which names its command."""
     page = text(peers.load(name).page)
     heading = re.search(rf"^## (.*`cardan sim {name}`.*)$", page, re.MULTILINE)
@@ -340,15 +346,17 @@ def told_of(name: str) -> str:
 
 @pytest.mark.parametrize(("name", "peer"), PEERS)
 def test_every_fault_of_a_peer_is_there_with_its_default(name, peer):
-    told = told_of(name)
-    table = rows(section(told, "Its faults" if "# Its faults\n" in told else "Their faults"))
+    reported = peer_section(name)
+    table = rows(
+        section(reported, "Its faults" if "# Its faults\n" in reported else "Their faults")
+    )
     switches = {switch.name: f"{switch.default:g}" for switch in peer.faults}
     assert {name: table[name][0] for name in switches} == switches
     assert set(table) >= set(switches)
 
 
 def test_every_fault_of_a_serial_device_is_there_with_its_default():
-    table = rows(section(told_of("spacemouse"), "Faults of the serial ones"))
+    table = rows(section(peer_section("spacemouse"), "Faults of the serial ones"))
     assert {name: cells[0] for name, cells in table.items()} == {
         switch.name: f"{switch.default:g}" for switch in SERIAL_FAULTS
     }
@@ -356,34 +364,34 @@ def test_every_fault_of_a_serial_device_is_there_with_its_default():
 
 @pytest.mark.parametrize(("name", "peer"), [each for each in PEERS if each.values[1].scripts])
 def test_every_script_and_verb_of_a_peer_is_there(name, peer):
-    told = told_of(name)
+    reported = peer_section(name)
     usages = {re.sub(r" \(.*", "", usage) for usage in peer.verbs.values()}
     devices = section(text("simulated-peers.md"), "Scripts of devices")
     shared = set(rows(devices)) if f"`{name}`" in devices.partition("\n|")[0] else {"loop"} & usages
-    if "# Its scripts\n" in told:
-        own = set(rows(section(told, "Its scripts")))
+    if "# Its scripts\n" in reported:
+        own = set(rows(section(reported, "Its scripts")))
         assert own | shared == {*peer.scripts, *usages}
     else:
-        listed = set(rows(section(told, f"Scripts of the {name}")))
+        listed = set(rows(section(reported, f"Scripts of the {name}")))
         assert listed - usages == set(peer.scripts)
-        assert usages <= set(rows(told)) | shared
+        assert usages <= set(rows(reported)) | shared
 
 
 @pytest.mark.parametrize(("name", "peer"), PEERS)
 def test_every_option_of_a_peer_is_there(name, peer):
-    told = section(text("simulated-peers.md"), "Options of every peer") + told_of(name)
+    reported = section(text("simulated-peers.md"), "Options of every peer") + peer_section(name)
     if not peer.scripts:
-        told = re.sub(r"--(list-scripts|script)\b", "", told)
+        reported = re.sub(r"--(list-scripts|script)\b", "", reported)
     commands = the_command_line().commands["sim"].commands
     offered = {
         option
         for each in peers.names()
-        if told_of(each) == told_of(name)
+        if peer_section(each) == peer_section(name)
         for parameter in commands[each].params
         for option in parameter.opts
         if option.startswith("--")
     }
-    assert set(re.findall(r"--[a-z][a-z0-9]*(?:-[a-z]+)*", told)) == offered - {"--help"}
+    assert set(re.findall(r"--[a-z][a-z0-9]*(?:-[a-z]+)*", reported)) == offered - {"--help"}
 
 
 def test_every_metric_is_there():
@@ -411,8 +419,8 @@ def test_every_exit_code_is_there():
 )
 def test_every_function_of_a_codec_is_there(page, protocol):
     functions = [name for name in vars(protocol) if re.match(r"(de|en)code_", name)]
-    told = section(text(page), "Functions")
-    assert [name for name in functions if f"\n{name}(" not in told] == []
+    reported = section(text(page), "Functions")
+    assert [name for name in functions if f"\n{name}(" not in reported] == []
 
 
 def test_every_fault_of_a_datagram_is_there():

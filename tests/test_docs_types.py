@@ -112,7 +112,7 @@ def test_pyright_knows_the_options_of_every_driver(tmp_path: Path, folder: Path)
             f"{made_of}(pathh=1)",
         ]
         (tmp_path / f"{name}.py").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    told = [
+    reported = [
         (Path(each["file"]).stem, each["range"]["start"]["line"], each["message"])
         for each in pyright(tmp_path)
     ]
@@ -123,7 +123,7 @@ def test_pyright_knows_the_options_of_every_driver(tmp_path: Path, folder: Path)
             (name, 1, f'Type of "{driver.__name__}.Options()" is "{options}"'),
             (name, 2, 'No parameter named "pathh"'),
         ]
-    assert sorted(told) == sorted(expected)
+    assert sorted(reported) == sorted(expected)
     assert len(DRIVERS) >= 17
 
 

@@ -67,9 +67,9 @@ def test_what_fails_stands_with_why_and_the_command_that_mends_it(taken):
 
 @pytest.mark.real
 def test_for_programs(taken):
-    told = json.loads(doctor(taken, "--json"))
-    assert told["level"] == "failure"
-    (port,) = (each for each in told["findings"] if each["code"] == "port")
+    reported = json.loads(doctor(taken, "--json"))
+    assert reported["level"] == "failure"
+    (port,) = (each for each in reported["findings"] if each["code"] == "port")
     assert port["level"] == "failure"
     assert port["mend"].startswith("kill ")
 

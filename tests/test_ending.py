@@ -179,7 +179,7 @@ def test_what_serves_ends_in_good_order(tmp_path, name, number):
 
 @pytest.mark.real("SIGHUP")
 @pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGHUP], ids=signal_name)
-def test_a_demo_that_is_told_to_end_leaves_nothing_behind(number):
+def test_a_demo_that_is_asked_to_end_leaves_nothing_behind(number):
     # tmp_path may be longer than a socket's path can be.
     with tempfile.TemporaryDirectory(prefix="cardan-test-") as folder:
         program = subprocess.Popen(
@@ -266,7 +266,7 @@ class Reader:
 @pytest.mark.real("terminal-SIGINT")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=signal_name)
 @pytest.mark.parametrize("kind", ["terminal", "pipe"])
-def test_a_session_that_nobody_sees_holds_and_ends_when_told(moving, kind, number):
+def test_a_session_that_nobody_sees_holds_and_ends_when_reported(moving, kind, number):
     with (
         unread(kind) as (reading, writing),
         Reader(reading) as reader,
@@ -316,7 +316,7 @@ def waits_to_write(pid: int) -> bool:
     ],
     ids=lambda words: words[0],
 )
-def test_a_command_waits_for_its_reader_and_can_be_told_not_to(words):
+def test_a_command_waits_for_its_reader_and_can_be_reported_not_to(words):
     with unread("pipe") as (_, writing):
         fill(writing)
         with Program(*words, stdout=writing) as program:
@@ -431,7 +431,7 @@ def test_every_command_that_runs_on_says_how_much_it_logs(words):
         assert "--log-level" in program.out
 
 
-def test_a_session_is_silent_unless_told():
+def test_a_session_is_silent_unless_reported():
     words = ("run", EXAMPLES / "verbs-ur5-simulated.toml", "--seconds", "1")
     with Program(*words) as program:
         assert program.end() == 0

@@ -174,7 +174,7 @@ def test_what_is_hung_up_is_ended_though_another_holds_it():
 
 def test_the_connections_of_a_ur_are_closed_though_a_child_lives():
     with socket.create_server(("127.0.0.1", 0)) as server:
-        told, held = forked(
+        reported, held = forked(
             """
 import socket
 robot = cardan.UrRtde(host="127.0.0.1", rtde_port=int(sys.argv[1]))
@@ -196,7 +196,7 @@ print(json.dumps([told, [each.fileno() for each in sockets]]))
 """,
             str(server.getsockname()[1]),
         )
-    assert set(json.loads(told[0])) == {-1}
-    assert told[1] == "None"
-    assert told[2].startswith("NotOpenError: the UR driver is not open in this process: it was")
+    assert set(json.loads(reported[0])) == {-1}
+    assert reported[1] == "None"
+    assert reported[2].startswith("NotOpenError: the UR driver is not open in this process: it was")
     assert set(held) == {-1}

@@ -161,11 +161,11 @@ def test_no_example_is_left_over():
 @pytest.mark.parametrize("old", MOVED)
 def test_an_old_name_is_answered_by_the_new_one(old):
     for words in ((old,), (old, "--help"), (old, "x", "-v")):
-        with pytest.raises(ConfigurationError) as told:
+        with pytest.raises(ConfigurationError) as raised:
             the_command_line()([*words], standalone_mode=False)
         typed = " ".join((MOVED[old], *words[1:]))
         said = f"command: `cardan {old}` is now `cardan {MOVED[old]}`: type `cardan {typed}`"
-        assert str(told.value).startswith(said), told.value
+        assert str(raised.value).startswith(said), raised.value
     assert found(MOVED[old].split()) is not None
     assert old not in the_command_line().list_commands(None)
 

@@ -51,7 +51,7 @@ def test_kvm_is_taken_where_the_processor_has_it(tool, tmp_path, flags, opens, a
     assert tool.is_kvm(accel) is (accel == "kvm")
 
 
-def test_a_failure_is_told_before_the_next_test(tmp_path):
+def test_a_failure_is_reported_before_the_next_test(tmp_path):
     (tmp_path / "test_tiny.py").write_text(TESTS)
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
     done = subprocess.run(
@@ -60,7 +60,7 @@ def test_a_failure_is_told_before_the_next_test(tmp_path):
         cwd=ROOT, env=os.environ | {"PYTEST_ADDOPTS": ""}, capture_output=True, text=True,
         timeout=50,
     )  # fmt: skip
-    told, there, _ = done.stdout.partition("the second test runs")
+    reported, there, _ = done.stdout.partition("the second test runs")
     assert there
-    assert "test_tiny.py::test_one (call, " in told
-    assert "they differ" in told
+    assert "test_tiny.py::test_one (call, " in reported
+    assert "they differ" in reported

@@ -76,7 +76,7 @@ def test_a_mutant_is_the_file_with_this_one_change(source):
         assert ast.unparse(mutated(each)) == changed
 
 
-def test_statements_are_told_before_they_run(source):
+def test_statements_are_reported_before_they_run(source):
     hits = []
     names = {"_mutant_hit": lambda path, index: hits.append(index)}
     exec(compile(instrumented(source), "thing.py", "exec"), names)

@@ -189,15 +189,15 @@ def test_without_a_thread_standard_error_says_so_and_standard_output_does_not_wa
         with pytest.raises(RuntimeError, match="new thread"):
             words.write(PIECE)
     words.finish()
-    told = BackgroundOutput(writing, "<test>", quiet=True)
+    reported = BackgroundOutput(writing, "<test>", quiet=True)
     for each in (b"no more ", b"threads"):
-        told.write(each)
-    told.finish()
-    assert told.is_read()
+        reported.write(each)
+    reported.finish()
+    assert reported.is_read()
     assert drained(reading) == b"no more threads"
 
 
-def test_a_full_disk_is_told_in_words():
+def test_a_full_disk_is_reported_in_words():
     full = OSError(errno.ENOSPC, "No space left on device")
     assert output.why_unwritten(full) == (
         "standard output cannot be written: No space left on device"

@@ -100,7 +100,7 @@ def test_an_unknown_name_is_answered_with_those_there_are(finder):
 @pytest.mark.parametrize(
     ("name", "words"), [("broken", "No module named 'nowhere_at_all'"), ("empty", "'Trap'")]
 )
-def test_what_cannot_be_loaded_is_told_with_the_reason(finder, name, words):
+def test_what_cannot_be_loaded_is_reported_with_the_reason(finder, name, words):
     with pytest.raises(ConfigurationError, match=f"of trap '{name}' cannot be loaded: .*{words}"):
         finder.load(name)
 
@@ -155,7 +155,7 @@ def test_a_broken_one_is_listed_with_the_reason_beside_the_others(
     assert "" not in finder.packages()
 
 
-def test_of_two_with_one_name_the_other_is_told():
+def test_of_two_with_one_name_the_other_is_reported():
     points = [
         EntryPoint("ours", "decimal:Overflow", "group"),
         EntryPoint("theirs", "decimal:DivisionByZero", "group"),

@@ -88,9 +88,9 @@ def cardan(capsys, *words):
 
 
 def test_where_the_tree_has_several_ends_the_likely_ones_are_listed(here, capsys):
-    with pytest.raises(ConfigurationError) as told:
+    with pytest.raises(ConfigurationError) as raised:
         cardan(capsys, "robots", "add", "vendor.urdf")
-    lines = [line for line in str(told.value).splitlines() if line.startswith("--tcp ")]
+    lines = [line for line in str(raised.value).splitlines() if line.startswith("--tcp ")]
     assert lines == [
         "--tcp tool0  # 6 joints move: j1, j2, j3, j4, j5, j6",
         "--tcp finger_a  # 7 joints move: j1, j2, j3, j4, j5, j6, grip",
@@ -173,7 +173,7 @@ def test_limits_are_given_on_the_command_line(here, capsys):
     assert load_arm("vendor.toml").joints[1].velocity == pytest.approx(math.radians(30.0))
 
 
-def test_limits_of_joints_are_told_apart_by_the_last_sign():
+def test_limits_of_joints_are_distinguished_by_the_last_sign():
     assert parse_limits(["effort.left/a.b=c=3"]) == {"effort": {"left/a.b=c": 3.0}}
 
 
@@ -198,7 +198,7 @@ def test_how_much_too_large_the_cover_of_a_mesh_is_stands_there(here, capsys):
     assert re.search(r"mesh +of l1 is covered by 1 shapes, \d+ % larger", printed)
 
 
-def test_nothing_is_written_over_without_being_told(here, capsys):
+def test_nothing_is_written_over_without_being_reported(here, capsys):
     Path("vendor.toml").write_text("mine", encoding="utf-8")
     words = ("robots", "add", "vendor.urdf", "--tcp", "tool0")
     with pytest.raises(ConfigurationError, match=r"--overwrite: vendor\.toml is there"):

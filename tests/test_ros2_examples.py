@@ -88,10 +88,10 @@ class Client:
 
     def results(self, seconds):
         """Return the messages of ~/result in this time."""
-        told = []
+        reported = []
         with contextlib.suppress(TimeoutError):
-            self.until(lambda operation: told.append(operation.get("msg")), seconds)
-        return [each for each in told if each is not None]
+            self.until(lambda operation: reported.append(operation.get("msg")), seconds)
+        return [each for each in reported if each is not None]
 
     def publish(self, topic, kind, message, rate_hz, once):
         for _ in range(1 if once else int(0.5 * rate_hz)):
@@ -161,8 +161,8 @@ def run_line(words, client, looks):
         case ["topic", "echo", topic, kind]:
             assert seen(looks, topic, "publishers").type == kind
         case ["param", "set", node, name, value]:
-            told = {"type": 4, "string_value": value}
-            values = {"parameters": [{"name": name, "value": told}]}
+            reported = {"type": 4, "string_value": value}
+            values = {"parameters": [{"name": name, "value": reported}]}
             client.wait_for(f"{node}/set_parameters")
             (result,) = client.call(f"{node}/set_parameters", values)["results"]
             assert result["successful"], result["reason"]
@@ -195,15 +195,15 @@ def publish(words, client, looks, topic, kind, message, how):
     client.publish(topic, kind, message, 50.0 if once else float(how[1]), once)
     # Until its node has been on the bus for 0.3 s, or two of its stamps agree with their arrival,
     # its commands are refused, as it is told.
-    told = [
+    reported = [
         *dropwhile(
             lambda each: re.search("has been connected|not known yet", each["reason"]),
             client.results(PAUSE_S),
         )
     ]
-    assert not [each["reason"] for each in told if each["outcome"] == "refused"], words
+    assert not [each["reason"] for each in reported if each["outcome"] == "refused"], words
     if topic != "/joy/set_feedback":
-        assert told, words
+        assert reported, words
 
 
 @pytest.mark.matrix
@@ -270,7 +270,7 @@ def test_the_layout_shows_what_a_session_publishes(bus):
 # -- programs -------------------------------------------------------------------------------------
 
 
-def told(*command):
+def reported(*command):
     """Return the output of a program."""
     done = subprocess.run(
         [sys.executable, *map(str, command)],
@@ -287,16 +287,16 @@ def told(*command):
 def test_the_programs_move_the_arm(bus):
     endpoint, url = bus
     with session(endpoint):
-        text = told(EXAMPLES / "remote_arm.py", f"{endpoint}/cartesian_control_server_ros2")
+        text = reported(EXAMPLES / "remote_arm.py", f"{endpoint}/cartesian_control_server_ros2")
         assert text.count("movl arrived: True") == 2
         assert 5 < int(re.search(r"streamed (\d+) mm", text)[1]) < 30
 
-        text = told(EXAMPLES / "rosbridge_client.py", "--url", url, "--seconds", "2")
+        text = reported(EXAMPLES / "rosbridge_client.py", "--url", url, "--seconds", "2")
         assert "result: twist of ros2 /rosbridge_client_1 accepted: fine" in text
         way_mm = int(re.search(r"the TCP moved by (\d+) mm and is stopped: True", text)[1])
         assert 25 < way_mm < 60
 
-        text = told(EXAMPLES / "follow_joint_trajectory.py", "--url", url)
+        text = reported(EXAMPLES / "follow_joint_trajectory.py", "--url", url)
         assert "error code 0" in text
         assert float(re.search(r"at most ([\d.]+) rad from the plan", text)[1]) < 0.05
 
@@ -306,8 +306,8 @@ def test_a_record_is_a_regression_test(tmp_path):
     text = (EXAMPLES / "session.toml").read_text(encoding="utf-8")
     (tmp_path / "s.toml").write_text(f'{text}router = "{free_endpoint()}"\n', encoding="utf-8")
     path = tmp_path / "s.mcap"
-    told("-m", "cardan", "run", tmp_path / "s.toml", "--record", path, "--seconds", "1")
-    assert "bit for bit the recorded one" in told(EXAMPLES / "check_record.py", path)
+    reported("-m", "cardan", "run", tmp_path / "s.toml", "--record", path, "--seconds", "1")
+    assert "bit for bit the recorded one" in reported(EXAMPLES / "check_record.py", path)
 
 
 PAGE = """

@@ -80,9 +80,9 @@ def said(*words, code=0, program=server):
 def test_every_server_tells_what_it_does_and_what_its_options_mean(name):
     declared = registry.load(name)
     assert " ".join(declared.__doc__.split()) in " ".join(said("--list").split())
-    told = said(name, "--help")
-    assert "--seconds" in told
-    assert declared.epilog in told
+    reported = said(name, "--help")
+    assert "--seconds" in reported
+    assert declared.epilog in reported
 
 
 @pytest.mark.parametrize("name", IN_SOURCE_TREE["server"])
@@ -97,7 +97,7 @@ def test_a_server_of_a_plug_in_that_is_missing_says_what_to_install(monkeypatch,
 
 
 def test_the_fields_of_all_options_inside_are_options_with_their_texts(echo):
-    told = said("echo", "--help")
+    reported = said("echo", "--help")
     for words in (
         "ROS_DOMAIN_ID.",
         "--zenoh-config",
@@ -107,13 +107,13 @@ def test_the_fields_of_all_options_inside_are_options_with_their_texts(echo):
         "--patience",
         "Names that it answers to. [default: echo] (repeatable)",
     ):
-        assert words in told
-    assert "--secret" not in told
+        assert words in reported
+    assert "--secret" not in reported
 
 
 def test_a_server_serves_with_what_was_given(echo):
-    told = said("echo", "--seconds", "0")
-    assert told == "READY port 9090\n"
+    reported = said("echo", "--seconds", "0")
+    assert reported == "READY port 9090\n"
     words = ["--no-shout", "--form", "long", "--names", "a", "--names", "b", "--domain", "7"]
     said("echo", "--seconds", "0", "--patience", "3", *words)
     assert echo.served == [
@@ -242,9 +242,9 @@ def test_the_network_is_joined_as_a_session_joins_it(monkeypatch, tmp_path):
 def test_where_nobody_is_met_the_remedies_are_said(monkeypatch):
     nobody = discovery.Discovery((), {}, {}, 1, 0)
     monkeypatch.setattr(discovery, "discover", lambda _options: nobody)
-    told = said("net", "list", program=app, code=4)
-    assert "A router answers, and no node was met." in told
-    assert 'mode = "client"' in told
+    reported = said("net", "list", program=app, code=4)
+    assert "A router answers, and no node was met." in reported
+    assert 'mode = "client"' in reported
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ def there(link=DeviceLink.LIVE, reason=""):
     return DeviceState(1.0, link, NEUTRAL, frozenset(), reason=reason)
 
 
-def test_who_shares_is_told_of_each_change_once():
+def test_who_shares_is_reported_each_change_once():
     news, counts = News("tcp/a:1", routed=True), Counter()
     assert news.of(there(), "", counts) == []
     lost = there(DeviceLink.LOST, "unplugged")
@@ -62,7 +62,7 @@ def test_who_shares_is_told_of_each_change_once():
     assert news.of(there(), "", counts) == ["the device is there", "not in use"]
 
 
-def test_who_shares_is_told_of_the_router_and_of_others():
+def test_who_shares_is_reported_the_router_and_of_others():
     news = News("tcp/a:1", routed=True)
     assert news.of_bus([], routed=True) == []
     (line,) = news.of_bus([], routed=False)
@@ -75,6 +75,6 @@ def test_who_shares_is_told_of_the_router_and_of_others():
     assert len(news.of_bus(["/cardan_share_hand", "/other"], routed=True)) == 1
 
 
-def test_who_needs_no_router_is_told_of_none():
+def test_who_needs_no_router_is_reported_none():
     news = News("", routed=False)
     assert news.of_bus([], routed=False) == []

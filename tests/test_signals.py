@@ -57,40 +57,40 @@ def test_every_signal_that_would_end_a_process_is_among_them():
 
 @pytest.mark.parametrize("number", FREE, ids=signal_name)
 def test_each_is_taken_and_given_back(number):
-    told = []
-    with on_ending(told.append):
+    raised = []
+    with on_ending(raised.append):
         os.kill(os.getpid(), number)
         os.kill(os.getpid(), number)
-    assert told == [number, number]
+    assert raised == [number, number]
     assert signal.getsignal(number) is signal.SIG_DFL
 
 
 def test_what_is_ignored_or_handled_by_others_stays_so():
-    told, theirs = [], []
+    raised, theirs = [], []
     before = (
         signal.signal(signal.SIGHUP, signal.SIG_IGN),
         signal.signal(signal.SIGUSR1, lambda number, _frame: theirs.append(number)),
     )
     try:
-        with on_ending(told.append):
+        with on_ending(raised.append):
             os.kill(os.getpid(), signal.SIGHUP)
             os.kill(os.getpid(), signal.SIGUSR1)
     finally:
         signal.signal(signal.SIGHUP, before[0])
         signal.signal(signal.SIGUSR1, before[1])
-    assert (told, theirs) == ([], [signal.SIGUSR1])
+    assert (raised, theirs) == ([], [signal.SIGUSR1])
 
 
 def test_an_ignored_interrupt_is_taken_nevertheless():
-    told = []
+    raised = []
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with on_ending(told.append):
+        with on_ending(raised.append):
             os.kill(os.getpid(), signal.SIGINT)
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
-    assert told == [signal.SIGINT]
+    assert raised == [signal.SIGINT]
 
 
 def test_the_inner_one_takes_them_from_the_outer_one():
@@ -123,13 +123,13 @@ def unwound(first, second, cleaned):
 
 def test_the_first_is_raised_and_a_login_session_s_second_one_breaks_nothing():
     cleaned = []
-    with pytest.raises(EndingSignalError) as told:
+    with pytest.raises(EndingSignalError) as raised:
         unwound(signal.SIGTERM, signal.SIGHUP, cleaned)
-    assert (told.value.code, cleaned) == (128 + signal.SIGTERM, [True])
+    assert (raised.value.code, cleaned) == (128 + signal.SIGTERM, [True])
 
 
 def test_another_interrupt_is_raised_again():
     cleaned = []
-    with pytest.raises(EndingSignalError) as told:
+    with pytest.raises(EndingSignalError) as raised:
         unwound(signal.SIGTERM, signal.SIGINT, cleaned)
-    assert (told.value.code, cleaned) == (128 + signal.SIGINT, [])
+    assert (raised.value.code, cleaned) == (128 + signal.SIGINT, [])

@@ -164,7 +164,7 @@ def test_errors_name_the_whole_key(change, key, words):
         assert words in str(caught.value)
 
 
-def test_all_errors_are_told_a_line_each():
+def test_all_errors_are_reported_a_line_each():
     table = {"nam": "x", "count": 1.5, "bodies": [{"shape": "ball"}]}
     with pytest.raises(ConfigurationError, match=r"^cell\.nam: ") as caught:
         read_table(Scene, table, "cell")
@@ -261,7 +261,7 @@ def test_no_number_is_too_long_for_an_error_in_words(tmp_path, number):
     assert len(str(caught.value)) < 400 + len(str(path))
 
 
-def test_of_several_unknown_keys_of_a_table_the_allowed_ones_are_told_once():
+def test_of_several_unknown_keys_of_a_table_the_allowed_ones_are_reported_once():
     bodies = [{"shape": "ball", "radius_m": 1.0, "a": 1, "sides": 2, "radius": 2}]
     with pytest.raises(ConfigurationError) as caught:
         read_table(Scene, {**WHOLE, "zz": 1, "nam": 2, "bodies": bodies})
@@ -295,7 +295,7 @@ def test_a_key_cannot_command_a_terminal(tmp_path):
         ('path = "C:\\Udddddddd"', "write a path in single quotes, or with / for \\"),
     ],
 )
-def test_a_habit_of_other_languages_is_told_with_what_to_write(line, words):
+def test_a_habit_of_other_languages_is_reported_with_what_to_write(line, words):
     with pytest.raises(ConfigurationError, match=r"^own:2:\d+: is not TOML: .*: ") as caught:
         parse_toml(f"# {line}\n{line}\n", "own")
     assert str(caught.value).endswith(words)

@@ -45,5 +45,5 @@ def test_another_outcome_is_the_tests():
 def test_a_computer_that_always_stands_still_is_a_failure():
     act, done = acts(*[(1, PAUSED)] * (TRIES + 1))
     with pytest.raises(AssertionError, match=f"{TRIES} times: {PAUSED}"):
-        done_again(act, reason=lambda told: told[1])
+        done_again(act, reason=lambda reported: reported[1])
     assert len(done) == TRIES

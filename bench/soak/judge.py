@@ -19,7 +19,7 @@ AT_REST_S: Final = 3.0
 less than 1 s, the slowest controller notices the death of its session within 1 s; the rest is for
 the processes of a computer with other work to do."""
 
-TOLD_S: Final = 1.5
+REPORT_S: Final = 1.5
 """Longest time between a robot's motion and the session's report of it: a session reports ten times
 a second, by way of two other processes."""
 
@@ -49,7 +49,7 @@ class Violation(NamedTuple):
 Found = Callable[[Violation], None]
 
 
-class Told(NamedTuple):
+class SessionReport(NamedTuple):
     """A session's report of itself."""
 
     time_s: float
@@ -69,7 +69,7 @@ class ArmJudge:
         """Since when no source requests motion."""
         self._act_s = -math.inf
         """Time when a source last began to request motion."""
-        self._told: deque[Told] = deque(maxlen=400)
+        self._reports: deque[SessionReport] = deque(maxlen=400)
         self._began_s: dict[int, float] = {}
         """Time of the first report of each process of the session."""
         self._broken: set[str] = set()
@@ -133,7 +133,7 @@ class ArmJudge:
                 self.moves += 1
                 self._moving_since_s = now_s
             if self._measured_s > -math.inf:
-                self.moving_s += min(now_s - self._measured_s, TOLD_S)
+                self.moving_s += min(now_s - self._measured_s, REPORT_S)
         self._moving, self._measured_s = moving, now_s
         if not moving:
             self._mend("moves unasked")
@@ -147,37 +147,37 @@ class ArmJudge:
                 f"at {speed_rad_s:.3f} rad/s, {since_s:.1f} s after the last one asked; "
                 f"{self._state()}",
             )
-        lately = [each for each in self._told if each.time_s > now_s - TOLD_S]
-        covered = len(lately) >= 2 and lately[0].time_s < now_s - TOLD_S / 2
-        whole = now_s - self._moving_since_s > TOLD_S
+        lately = [each for each in self._reports if each.time_s > now_s - REPORT_S]
+        covered = len(lately) >= 2 and lately[0].time_s < now_s - REPORT_S / 2
+        whole = now_s - self._moving_since_s > REPORT_S
         if covered and whole and not any(each.authority or each.phase in MOVED for each in lately):
             self._break(
                 "moves without authority", now_s, f"at {speed_rad_s:.3f} rad/s; {self._state()}"
             )
 
-    def told(self, told: Told) -> None:
+    def on_report(self, report: SessionReport) -> None:
         """A new snapshot of its session."""
-        began_s = self._began_s.setdefault(told.pid, told.time_s)
-        self._told.append(told)
-        if told.authority and told.authority not in self._sources:
-            self._break("unknown source", told.time_s, f"{told.authority!r} has the authority")
+        began_s = self._began_s.setdefault(report.pid, report.time_s)
+        self._reports.append(report)
+        if report.authority and report.authority not in self._sources:
+            self._break("unknown source", report.time_s, f"{report.authority!r} has the authority")
         else:
             self._mend("unknown source")
-        engaged = bool(told.authority) and told.phase in ENGAGED
+        engaged = bool(report.authority) and report.phase in ENGAGED
         if engaged and not self._asking and self._act_s < began_s:
             self._break(
                 "armed by itself",
-                told.time_s,
-                f"{told.authority!r} has it, {told.phase}, though nobody acted since process "
-                f"{told.pid} began {told.time_s - began_s:.1f} s ago",
+                report.time_s,
+                f"{report.authority!r} has it, {report.phase}, though nobody acted since process "
+                f"{report.pid} began {report.time_s - began_s:.1f} s ago",
             )
         elif not engaged:
             self._mend("armed by itself")
 
     def _state(self) -> str:
-        if not self._told:
+        if not self._reports:
             return "its session has told nothing"
-        last = self._told[-1]
+        last = self._reports[-1]
         return f"told at {last.time_s:.1f}: authority {last.authority!r}, {last.phase}"
 
     def _break(self, rule: str, now_s: float, why: str) -> None:
@@ -195,7 +195,7 @@ class RecoveryJudge:
     def __init__(self, found: Found) -> None:
         self._found = found
         self._unwell_s: dict[str, float] = {}
-        self._told: set[str] = set()
+        self._reports: set[str] = set()
         self.took_s: list[tuple[str, float]] = []
         """Every recovery: name and duration."""
 
@@ -203,7 +203,7 @@ class RecoveryJudge:
         """Take its state: `problem` is empty while it is well; `excused`: it cannot be well."""
         if not problem:
             since_s = self._unwell_s.pop(who, None)
-            self._told.discard(who)
+            self._reports.discard(who)
             if since_s is not None and since_s < now_s:
                 self.took_s.append((who, now_s - since_s))
             return
@@ -211,8 +211,8 @@ class RecoveryJudge:
             self._unwell_s[who] = now_s
             return
         since_s = self._unwell_s.setdefault(who, now_s)
-        if now_s - since_s > RECOVERED_S and who not in self._told:
-            self._told.add(who)
+        if now_s - since_s > RECOVERED_S and who not in self._reports:
+            self._reports.add(who)
             self._found(
                 Violation(now_s, "does not recover", who, f"{problem} for {now_s - since_s:.0f} s")
             )

@@ -33,7 +33,7 @@ from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptio
 from cardan_wiimote.peer.motion_script import ScriptedWiimote
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
-TOLD_S: Final = 0.05
+STEP_S: Final = 0.05
 """Period at which a robot reports its joints, and a device looks for its next motion script."""
 
 IDEAL: Final = PlantOptions(drive="ideal")
@@ -126,7 +126,7 @@ def main() -> None:
         ask_for_real_time()
         print(f"READY {peer.endpoint}", flush=True)
         while not lines.ended:
-            peer.step(time.monotonic() + TOLD_S)
+            peer.step(time.monotonic() + STEP_S)
             for line in lines.read():
                 if device is not None:
                     device.motion = _motion(kind, device, json.loads(line))

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench.soak import judge, motion_scripts
-from bench.soak.judge import ArmJudge, RecoveryJudge, Told, Violation
+from bench.soak.judge import ArmJudge, RecoveryJudge, SessionReport, Violation
 from bench.soak.lab import ARMS, DEVICES_OF, MARK, SOURCES, Lab
 from bench.soak.report import Report, Sample
 from bench.soak.sampling import is_marked, shared_memory, use_of
@@ -207,7 +207,7 @@ class Watch:
             there = not self._away[device]
             if pid and (pid, cycles) != self._cycles.get(name):
                 self._cycles[name] = pid, cycles
-                self.arms[name].told(Told(now_s, pid, row["authority"], row["phase"]))
+                self.arms[name].on_report(SessionReport(now_s, pid, row["authority"], row["phase"]))
         self.recovery.seen(name, judge.problem_of(row, there), bool(self._excused[name]), now_s)
 
     def sample(self) -> None:

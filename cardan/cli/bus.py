@@ -191,19 +191,19 @@ def hz(
     from cardan.common.histogram import LatencyHistogram
 
     gaps = LatencyHistogram()
-    began_s = told_s = last_s = None
+    began_s = reported_s = last_s = None
     messages = size = 0
     for data, _ in _heard(topic, bus_options(session, router), seconds):
         now_s = time.monotonic()
         if last_s is not None:
             gaps.add(now_s - last_s)
         last_s = now_s
-        if began_s is None or told_s is None:
-            began_s = told_s = now_s
+        if began_s is None or reported_s is None:
+            began_s = reported_s = now_s
             continue
         messages, size = messages + 1, size + len(data)
-        if now_s - told_s >= SHOWN_S:
-            told_s = now_s
+        if now_s - reported_s >= SHOWN_S:
+            reported_s = now_s
             p50, p99 = (1e3 * gaps.percentile(share) for share in (50, 99))
             rate, each = messages / (now_s - began_s), size / messages
             if as_json:

@@ -101,14 +101,14 @@ def _flows() -> tuple[tuple[int, list[bytes]], ...]:
     ]
     asked = rtde.ask_version() + rtde.ask_outputs(500.0, ("timestamp", "actual_q"))
     recipe = rtde.Recipe(1, ("timestamp", "actual_q"), ("DOUBLE", "VECTOR6D"))
-    told = rtde.reply_setup(rtde.SetupReply(rtde.PacketType.OUTPUTS, 1, recipe.types))
+    reported = rtde.reply_setup(rtde.SetupReply(rtde.PacketType.OUTPUTS, 1, recipe.types))
     states = recipe.pack([0.002, (0.5,) * 6]) + recipe.pack([0.004, (0.5,) * 6])
     ur = [
         _tcp(b"", 99, 0x02, port=30004),
         _tcp(asked, 100, port=30004),
-        _tcp(rtde.reply_accepted(rtde.PacketType.START, True) + told, 500, 0x18, True, 30004),
-        _tcp(states[:80], 500 + 4 + len(told), 0x18, True, 30004),
-        _tcp(states[80:], 500 + 84 + len(told), 0x18, True, 30004),
+        _tcp(rtde.reply_accepted(rtde.PacketType.START, True) + reported, 500, 0x18, True, 30004),
+        _tcp(states[:80], 500 + 4 + len(reported), 0x18, True, 30004),
+        _tcp(states[80:], 500 + 84 + len(reported), 0x18, True, 30004),
     ]
     urb = struct.pack("<QBBBBHBBqiiII", 7, 67, 1, 0x81, 5, 2, 45, 0, 1, 2, 0, 13, 13) + bytes(24)
     usb = [urb + worked.MOTION, urb + worked.BUTTONS_PRO]

@@ -59,7 +59,7 @@ def checked_state(state: DeviceState) -> DeviceState:
     return state
 
 
-def told(core: DeviceCore, now_s: float) -> tuple[str, ...]:
+def reported(core: DeviceCore, now_s: float) -> tuple[str, ...]:
     """Check a core's state, events and metrics; return its diagnosis."""
     checked_state(core.state(now_s))
     core.events()
@@ -108,7 +108,7 @@ def _spacemouse(packets: Packets) -> object:
             now_s += 0.008 if number % 7 else 0.2
             core.on_report(data, now_s)
             checked_state(core.state(now_s))
-        results += told(core, now_s)
+        results += reported(core, now_s)
         now_s += 5.0
         core.on_lost("unplugged", now_s)
         core.on_opened(now_s, model)
@@ -262,7 +262,7 @@ def _spnav_core(packets: Packets) -> object:
         core.on_bytes(data, now_s)
         core.on_time(now_s)
         checked_state(core.state(now_s))
-    words = told(core, now_s)
+    words = reported(core, now_s)
     core.on_lost("closed", now_s)
     now_s += 5.0
     core.on_opened(now_s)
@@ -387,7 +387,7 @@ def _wiimote_core(packets: Packets) -> object:
         core.outgoing(now_s)
         core.on_report(data, now_s)
         checked_state(core.state(now_s))
-    words = told(core, now_s)
+    words = reported(core, now_s)
     bench = wiimote_bench.Bench()
     bench.core, bench.now_s = core, now_s + 3.0
     core.on_lost("gone", now_s)
@@ -474,7 +474,7 @@ def _leap_core(packets: Packets) -> object:
         core.on_message(leap.decode_service(data), now_s)
         checked_state(core.state(now_s))
         core.failure(now_s)
-    words = told(core, now_s)
+    words = reported(core, now_s)
     bench = leap_frames.Bench()
     bench.core, bench.now_s = core, now_s + 3.0
     core.on_lost("gone", bench.now_s)
@@ -534,7 +534,7 @@ def _jr3_core(packets: Packets) -> object:
         core.poll(now_s)
         core.on_frame(int.from_bytes(data[:2], "little") & 0x7FF, data[2:10], now_s)
         checked_state(core.state(now_s))
-    words = told(core, now_s)
+    words = reported(core, now_s)
     bench = jr3_bench.Bench()
     bench.run(0.01)
     core.on_lost("gone", now_s)
@@ -609,7 +609,7 @@ def _evdev_core(packets: Packets) -> object:
             if core.needs_snapshot:
                 core.on_snapshot(held, now_s)
             checked_state(core.state(now_s))
-        words += told(core, now_s)
+        words += reported(core, now_s)
         core.on_lost("gone", now_s)
         now_s += 1.0
         core.on_opened(evdev_bench.describe(model), held, now_s)

@@ -97,15 +97,15 @@ class _Program:
     """A connection of the daemon's that keeps the bytes written to it."""
 
     def __init__(self) -> None:
-        self.told: list[bytes] = []
+        self.reported: list[bytes] = []
         self.gone: list[Callable[[], None]] = []
         self.open, self.since_s = True, time.monotonic()
 
-    def tell(self, *told: control.Response) -> None:
+    def tell(self, *reported: control.Response) -> None:
         """As the server's own: what cannot be encoded would end the daemon."""
-        for each in told:
+        for each in reported:
             assert each.kind != "error" or "a fault" not in each.value, each.value
-            self.told.append(control.encode_response(each))
+            self.reported.append(control.encode_response(each))
 
 
 class _Running(RunningSession):
@@ -158,13 +158,15 @@ def _daemon(packets: Packets) -> object:
         if ask.do != "reload":  # Checks every file and model: `daemon.config` is a target, too.
             daemon._handle(ask, program)
     daemon._tell_watchers(1e9)
-    asked = len(program.told)
+    asked = len(program.reported)
     daemon._handle(control.Ask(1, "units"), program)
-    assert control.decode_response(program.told[-1]).kind == "result"
+    assert control.decode_response(program.reported[-1]).kind == "result"
     for call in program.gone:
         call()
     assert not daemon._watchers
-    return tuple(sorted({control.decode_response(each).kind for each in program.told})), asked > 4
+    return tuple(
+        sorted({control.decode_response(each).kind for each in program.reported})
+    ), asked > 4
 
 
 def _daemon_asks() -> Iterator[Packets]:

@@ -28,7 +28,7 @@ from tests.drivers.ur_bench import SessionBench
 
 _NAMES = ("timestamp", "actual_q")
 _TYPES = ("DOUBLE", "VECTOR6D")
-_TOLD = tuple(name for name in OUTPUTS if "_register_" not in name)
+_OUTPUTS = tuple(name for name in OUTPUTS if "_register_" not in name)
 """Outputs that a controller computes."""
 _WRITTEN = (
     "standard_digital_output_mask",
@@ -69,7 +69,7 @@ def _rtde_streams() -> Iterator[bytes]:
     yield rtde.Recipe(1, _NAMES, _TYPES).pack([1.0, (0.0,) * 6])
     yield rtde.ask_version(1) + rtde.packet(rtde.PacketType.OUTPUTS, ",".join(_NAMES).encode())
     yield rtde.packet(rtde.PacketType.TEXT, b"\2words of version 1")
-    yield rtde.ask_outputs(12.5, _TOLD)
+    yield rtde.ask_outputs(12.5, _OUTPUTS)
 
 
 def _primary_feed() -> Callable[[bytes], Iterable[Any]]:
@@ -395,14 +395,14 @@ def _controller_packets() -> Iterator[Packets]:
     )
     written = rtde.Recipe(1, _WRITTEN, [INPUTS[name] for name in _WRITTEN])
     yield (
-        b"\0" + rtde.ask_version() + rtde.ask_outputs(500.0, _TOLD) + rtde.ask_inputs(_WRITTEN),
+        b"\0" + rtde.ask_version() + rtde.ask_outputs(500.0, _OUTPUTS) + rtde.ask_inputs(_WRITTEN),
         b"\0" + rtde.packet(rtde.PacketType.START),
         b"\1" + _LIVELY.encode(),
         b"\0" + written.pack([1, 1, 3, 2, 0.5, 1 << 31, True, (1.0,) * 6]),
     )
     yield (
         b"\0" + rtde.ask_version(1),
-        b"\0" + rtde.packet(rtde.PacketType.OUTPUTS, ",".join(_TOLD).encode()),
+        b"\0" + rtde.packet(rtde.PacketType.OUTPUTS, ",".join(_OUTPUTS).encode()),
         b"\0" + rtde.packet(rtde.PacketType.START),
         b"\1" + _LIVELY.encode(),
     )

@@ -66,13 +66,13 @@ def _gofa() -> ArmKinematics:
 
 def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
     """Return the position of a robot that obeys at once; the TCP of joints is that of the GoFa."""
-    told = decode_from_pc(answer)
-    if not isinstance(told, EgmSensor) or told.planned is None:
+    reported = decode_from_pc(answer)
+    if not isinstance(reported, EgmSensor) or reported.planned is None:
         return before
-    if told.planned.joints is not None:
-        pose = to_pose(_gofa().forward(np.array(told.planned.joints)))
-        return EgmMotion(told.planned.joints, EgmPose(pose.position, pose.orientation))
-    return before._replace(cartesian=told.planned.cartesian)
+    if reported.planned.joints is not None:
+        pose = to_pose(_gofa().forward(np.array(reported.planned.joints)))
+        return EgmMotion(reported.planned.joints, EgmPose(pose.position, pose.orientation))
+    return before._replace(cartesian=reported.planned.cartesian)
 
 
 @contextlib.contextmanager

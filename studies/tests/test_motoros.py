@@ -65,7 +65,7 @@ def test_delays_of_made_up_motion():
     assert result.mean == pytest.approx((0.02, 0.28, 0.30), abs=0.002)
 
 
-def test_stops_are_counted_and_a_joint_that_does_not_move_is_told():
+def test_stops_are_counted_and_a_joint_that_does_not_move_is_reported():
     times_s = np.arange(0.0, FIRST_S + 2 * PUSH_S + 2.0, GRID_S)
     path = swung(times_s)
     stairs = np.round(path / 0.1) * 0.1

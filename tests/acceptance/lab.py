@@ -302,9 +302,9 @@ class Lab:
         self._say(f"a key of {name} is changed, then `cardan daemon reload`:")
         self._hardware.change(name)
         with ControlClient(self._socket, RELOAD_S) as client, ThreadPoolExecutor(1) as beside:
-            told = beside.submit(client.ask, "reload", value=False)
-            self._until("the reload is over", told.done, RELOAD_S)
-            changes = [Change(**each) for each in told.result()]
+            reported = beside.submit(client.ask, "reload", value=False)
+            self._until("the reload is over", reported.done, RELOAD_S)
+            changes = [Change(**each) for each in reported.result()]
         for change in changes:
             self._say(f"  {printable(change.in_words)}")
         if [change.name for change in changes] != [name]:

@@ -79,7 +79,7 @@ def test_what_is_seen_of_an_arm():
     assert arm.error_max_m == 0.03
 
 
-class Told:
+class FakeClient:
     """A daemon that reports given values; no arm, no process."""
 
     def __init__(self, rows):
@@ -93,7 +93,7 @@ class Told:
 def watched(hardware, monkeypatch):
     monkeypatch.setattr(lab, "POLL_S", 0.0)
     hardware.sessions = ("gofa",)
-    return Lab(hardware, "", Told([]), [].append)
+    return Lab(hardware, "", FakeClient([]), [].append)
 
 
 def look(watched, **values):

@@ -24,10 +24,10 @@ def message(text):
 
 def refused(*messages):
     """Why there is no text."""
-    with pytest.raises(ConfigurationError) as told:
+    with pytest.raises(ConfigurationError) as raised:
         agreed(TOPIC, NODES, messages)
-    assert told.value.key == "--from-topic"
-    return told.value.message
+    assert raised.value.key == "--from-topic"
+    return raised.value.message
 
 
 @pytest.mark.parametrize(
@@ -104,12 +104,12 @@ def test_where_nothing_comes_in_time_it_says_how_long_and_what_to_do(monkeypatch
     monkeypatch.setattr(description, "ARRIVES_WITHIN_S", 0.5)
     began_s = time.monotonic()
     options = BusOptions(router=free_endpoint())
-    with pytest.raises(ConfigurationError) as told:
+    with pytest.raises(ConfigurationError) as raised:
         describe(TOPIC, options)
     assert 1.0 <= time.monotonic() - began_s < 15.0
-    assert f"--from-topic: no node publishes {TOPIC}" in str(told.value)
-    assert f"waited for 1 s, by the router {options.router}" in told.value.message
-    assert "ros2 param get --hide-type /robot_state_publisher" in told.value.message
+    assert f"--from-topic: no node publishes {TOPIC}" in str(raised.value)
+    assert f"waited for 1 s, by the router {options.router}" in raised.value.message
+    assert "ros2 param get --hide-type /robot_state_publisher" in raised.value.message
     with (
         publishing(ROBOT, latched=False) as options,
         pytest.raises(ConfigurationError, match=r"/publisher_0 published nothing as .* 0\.5 s"),

@@ -18,7 +18,7 @@ def test_where_somebody_was_met_nothing_is_to_be_done():
     assert advice(NOBODY._replace(nodes=("/arm",))) == ""
 
 
-def test_where_only_a_router_answers_a_peer_is_told_both_remedies():
+def test_where_only_a_router_answers_a_peer_is_reported_both_remedies():
     said = advice(NOBODY._replace(routers=1))
     assert "forwards nothing between them" in said
     assert 'mode = "peer"' in said
@@ -26,7 +26,7 @@ def test_where_only_a_router_answers_a_peer_is_told_both_remedies():
     assert 'mode = "client"' in said
 
 
-def test_a_client_is_not_told_to_become_one():
+def test_a_client_is_not_asked_to_become_one():
     said = advice(NOBODY._replace(routers=1), mode="client")
     assert "mode" not in said
     assert "no node is connected" in said

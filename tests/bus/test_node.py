@@ -79,7 +79,9 @@ def test_messages_arrive_with_their_key_and_attachment(bus):
     assert len(received.attachment.gid) == 16
 
 
-def test_leaving_a_bus_that_does_not_answer_is_told_and_raises_nothing(bus, monkeypatch, caplog):
+def test_leaving_a_bus_that_does_not_answer_is_reported_and_raises_nothing(
+    bus, monkeypatch, caplog
+):
     """As zenoh does, 10 s after a peer's process was stopped."""
     _, join = bus
     user = join()
@@ -162,7 +164,7 @@ def test_a_message_of_another_type_is_heard_by_its_key(bus):
     assert "geometry_msgs::msg::dds_::Twist_" in received.key
 
 
-def test_what_was_latched_is_told_to_who_comes_later(bus):
+def test_what_was_latched_is_asked_to_who_comes_later(bus):
     robot, join = bus
     publisher = robot.publisher("robot_description", STRING, LATCHED_QOS)
     publisher.put(text("old"), 0)
@@ -265,14 +267,14 @@ def test_servers_subscribe_publish_call_and_serve(bus):
     assert network.wait_for_service("/left/gcmp", TIMEOUT_S)
 
     heard = []
-    handle = network.subscribe("/left/pose", None, lambda *told: heard.append(told))
+    handle = network.subscribe("/left/pose", None, lambda *reported: heard.append(reported))
     until(lambda: pose.put(text("here"), 5) or heard, "a message")
     assert heard[0] == (text("here"), 5)
     handle.close()
     handle.close()
 
     latched = []
-    network.subscribe("/left/robot_description", STRING, lambda *told: latched.append(told))
+    network.subscribe("/left/robot_description", STRING, lambda *reported: latched.append(reported))
     assert until(lambda: latched, "the latched message")[0] == (text("<robot/>"), 9)
 
     publisher = network.advertise("/left/command", STRING, False)
@@ -372,7 +374,7 @@ def test_what_is_seen_on_the_bus_can_be_used_at_once(monkeypatch):
     assert tokens == ["declare_token"] * 4
 
 
-def test_the_end_of_a_service_is_told(bus):
+def test_the_end_of_a_service_is_reported(bus):
     server, join = bus
     network = join(BusNetwork, "network")
     first, second = server.service("/ask", TRIGGER), server.service("/ask", TRIGGER)

@@ -63,12 +63,12 @@ class Waiting:
 
     def __init__(self, **options):
         self.port = free_tcp_port()
-        self.codes, self.told, self.result = [], [], None
+        self.codes, self.reported, self.result = [], [], None
         self._options = {"replace": False, **options}
         self._thread = threading.Thread(target=self._run)
 
     def _run(self):
-        show, tell = self.codes.append, self.told.append
+        show, tell = self.codes.append, self.reported.append
         try:
             self.result = wait_for_operator(
                 (HOST, self.port), show=show, tell=tell, **self._options
@@ -335,7 +335,7 @@ def test_an_operator_whose_clock_is_a_day_behind_keeps_nothing(state, monkeypatc
             patched.setattr(time, "time", lambda: now_s() - 86400.0)
             with pytest.raises(AddressError, match="the clocks differ: here it is"):
                 pair_with(HOST, robot.port, False, robot.codes[0])
-        until(lambda: robot.told)
+        until(lambda: robot.reported)
         assert kept(state) == {}
         pair_with(HOST, robot.port, False, robot.codes[0])
     assert "as-robot/zenoh.json5" in kept(state)
@@ -393,11 +393,11 @@ def test_both_have_their_files_and_the_keys_differ(state):
 @pytest.mark.matrix
 def test_a_wrong_code_is_refused_three_times_and_then_there_is_another(state):
     with Waiting() as robot:
-        for told in (1, 2, 3):
+        for reported in (1, 2, 3):
             with pytest.raises(ConfigurationError, match=r"--code: 127.0.0.1 has another one"):
                 pair_with(HOST, robot.port, False, wrong(robot.codes[0]))
-            until(lambda told=told: len(robot.told) == told)
-        assert robot.told == [f"{NOTHING}: the code was wrong"] * 3
+            until(lambda reported=reported: len(robot.reported) == reported)
+        assert robot.reported == [f"{NOTHING}: the code was wrong"] * 3
         assert not state.exists()
         until(lambda: len(robot.codes) == 2)
         with pytest.raises(ConfigurationError, match="--code: "):
@@ -414,13 +414,13 @@ def test_another_client_is_refused_meanwhile_and_one_that_stays_away_is_left(sta
             assert first.recv(1)  # The robot's side is with this one.
             with pytest.raises(AddressError, match="it pairs with another computer"):
                 pair_with(HOST, robot.port, False, robot.codes[0])
-        until(lambda: robot.told)
-        assert robot.told[0].startswith(NOTHING)
+        until(lambda: robot.reported)
+        assert robot.reported[0].startswith(NOTHING)
         assert not state.exists()
         monkeypatch.setattr(pairing, "CLIENT_S", 0.2)
         with socket.create_connection((HOST, robot.port)):
-            until(lambda: len(robot.told) == 2)
-        assert robot.told[1].endswith("it took too long")
+            until(lambda: len(robot.reported) == 2)
+        assert robot.reported[1].endswith("it took too long")
         monkeypatch.undo()
 
 

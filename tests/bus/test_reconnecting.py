@@ -69,7 +69,7 @@ def _ended(before, pair):
     return not any(each in before for each in _connections(*pair))
 
 
-def _told(caplog, words):
+def _reported(caplog, words):
     return [each.getMessage() for each in caplog.records if words in each.getMessage()]
 
 
@@ -84,15 +84,15 @@ def test_peers_whose_connection_breaks_are_connected_again_and_both_say_so(pair,
     until(lambda: _ended(before, pair), "the end of the connection")
     until(lambda: heard.poll() is None, "the last of what was sent before")
     until(lambda: publisher.put(TEXT, 0) or heard.poll(), "a message again")
-    until(lambda: len(_told(caplog, "again, after")) == 2, "words of both")
+    until(lambda: len(_reported(caplog, "again, after")) == 2, "words of both")
     lost = [
-        _told(caplog, f"connection to Zenoh session {each.zid} ({name}) is lost")
+        _reported(caplog, f"connection to Zenoh session {each.zid} ({name}) is lost")
         for each, name in ((robot, "/robot"), (operator, "/operator"))
     ]
     # The quicker one tells the loss and mends it, the other one perhaps before it has looked.
     assert sorted(map(len, lost)) in ([0, 1], [1, 1])
     for each in (robot, operator):
-        assert len(_told(caplog, f"connected to Zenoh session {each.zid} again")) == 1
+        assert len(_reported(caplog, f"connected to Zenoh session {each.zid} again")) == 1
     assert all(each.levelno == logging.WARNING for each in caplog.records)
 
 

@@ -102,14 +102,14 @@ def test_another_pairs_certificate_is_named(tmp_path, issuer):
     assert f"refuses the certificate {others['operator']}, which is of another pair{REMEDY}" in said
 
 
-def test_a_configuration_without_certificate_is_told_that_one_is_asked_for(tmp_path):
+def test_a_configuration_without_certificate_is_reported_that_one_is_asked_for(tmp_path):
     ours = pair(tmp_path / "ours")
     for none in ({"enable_mtls": False}, {"connect_certificate": None}):
         said = said_of(ours, client(ours, **none))
         assert f"asks for a certificate, and none is given{REMEDY}" in said
 
 
-def test_expired_certificates_are_told_apart(tmp_path):
+def test_expired_certificates_are_distinguished(tmp_path):
     ours = pair(tmp_path / "ours", operator_days=0)
     said = said_of(ours, client(ours))
     # It ends when it was made: no look at a clock between.
@@ -128,7 +128,7 @@ def test_a_certificate_of_the_future_means_a_wrong_clock(tmp_path, monkeypatch):
     assert "UTC: set the clock: no message passes" in said
 
 
-def test_a_router_at_another_name_is_told(tmp_path, quick):
+def test_a_router_at_another_name_is_reported(tmp_path, quick):
     ours = pair(tmp_path / "ours", names=["robot.example"])
     assert "is not for this address" in said_of(ours, client(ours))
     assert said_of(ours, client(ours, verify_name_on_connect=False)) == ""
@@ -151,7 +151,7 @@ def test_where_no_router_with_certificates_answers_nothing_is_said(tmp_path, end
     assert tls_obstacle(Settings(by_mode, client(ours))) == ""
 
 
-def test_a_loop_is_told_without_waiting_and_once_the_router_is_back_no_more():
+def test_a_loop_is_reported_without_waiting_and_once_the_router_is_back_no_more():
     looks, go_on = [], threading.Event()
 
     def look():
@@ -172,7 +172,7 @@ def test_a_loop_is_told_without_waiting_and_once_the_router_is_back_no_more():
     assert len(looks) == 2
 
 
-def test_who_shares_is_told_of_each_obstacle_once():
+def test_who_shares_is_reported_each_obstacle_once():
     news = News("", routed=True)
     assert len(news.of_bus([], routed=False)) == 1
     assert news.of_bus([], routed=False, obstacle="expired") == ["expired"]

@@ -273,9 +273,9 @@ def test_of_a_connection_of_rtde_without_its_beginning_the_newest_version_is_rea
 
 def test_a_capture_without_the_flow_says_what_is_there(tmp_path):
     path = recorded(tmp_path, "motoros", seconds=1.0)[1]
-    with pytest.raises(ConfigurationError) as told:
+    with pytest.raises(ConfigurationError) as raised:
         verdicts(path, "egm")
-    assert "capture.pcap has no flow at UDP 6510: there are TCP 192.0.2.2" in str(told.value)
+    assert "capture.pcap has no flow at UDP 6510: there are TCP 192.0.2.2" in str(raised.value)
     with pytest.raises(ConfigurationError, match="no flow at TCP 7000 7001 7002: there are"):
         verdicts(path, "motoros", ":7000")
 
@@ -502,8 +502,8 @@ def run(*words):
     """The command in this process: its exit code."""
     try:
         return app(["conform", *words], standalone_mode=False) or 0
-    except SystemExit as told:
-        return told.code
+    except SystemExit as raised:
+        return raised.code
 
 
 def test_the_command_reports_in_every_form_and_keeps_it(tmp_path, capsys):
@@ -532,9 +532,9 @@ def test_what_a_capture_only_makes_likely_is_no_success(tmp_path, capsys):
     packets[9] = time + struct.pack("<II", size - 4, whole) + packets[9][16:-4]
     path.write_bytes(head + b"".join(packets))
     assert run("joint-stream", "--capture", str(path)) == 4
-    told = capsys.readouterr()
-    assert "0 failed" in told.out
-    assert "cardan: JS-103: perhaps not met, but the capture does not show it" in told.err
+    raised = capsys.readouterr()
+    assert "0 failed" in raised.out
+    assert "cardan: JS-103: perhaps not met, but the capture does not show it" in raised.err
 
 
 def test_a_capture_without_the_side_that_is_judged_is_refused(tmp_path):

@@ -42,11 +42,11 @@ def answer(joint_deg=0.0, x_m=0.0):
         (answer(0.9, 0.003), ""),
     ],
 )
-def test_a_jump_is_told_in_what_was_exceeded(after, words):
+def test_a_jump_is_reported_in_what_was_exceeded(after, words):
     assert references_do_not_jump((answer(), after)) == words
 
 
-def test_joints_away_from_the_arm_are_told_in_degrees():
+def test_joints_away_from_the_arm_are_reported_in_degrees():
     measured = Robot(1, 0.0, "", EgmRobot(feed_back=answer().message.planned))
     answers = [answer(joint_deg=5.0)]
     decoded = SimpleNamespace(robots=[measured], answers=answers, sessions=[[measured]])

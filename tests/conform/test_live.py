@@ -15,21 +15,21 @@ from cardan.sim_peers.motoros_controller import MotorosControllerOptions, Motoro
 
 @pytest.mark.real
 def test_a_controller_is_judged_over_tcp():
-    told = []
+    reported = []
     with MotorosControllerPeer(MotorosControllerOptions(base_port=0)) as peer:
         ports = {"motion": peer.motion_port, "state": peer.state_port, "io": peer.io_port}
         suite = registry.load("motoros")
         from cardan.conform.transports import TcpPorts
 
         suite.wires = lambda target: TcpPorts(target, ports)
-        report, timeline = run.at(suite, "127.0.0.1", Level.LISTEN, told.append, seconds=1.5)
+        report, timeline = run.at(suite, "127.0.0.1", Level.LISTEN, reported.append, seconds=1.5)
     assert timeline.end_s >= 0.5
     outcomes = {each.id: each.outcome.value for each in report.results}
     # Not those of times: this computer may stand still at any moment.
     for requirement in ("MOTO-001", "MOTO-002", "MOTO-005", "MOTO-006", "MOTO-007", "MOTO-009"):
         assert outcomes[requirement] == "passed", report.as_text()
     assert not report.simulated
-    assert told == []
+    assert reported == []
 
 
 def test_a_target_that_is_not_there_is_an_error():

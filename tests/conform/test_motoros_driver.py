@@ -46,7 +46,7 @@ def test_our_driver_is_judged_over_real_sockets(monkeypatch):
     driver = Motoros(host="127.0.0.1", **ports)
     ended = threading.Event()
 
-    def told(instruction):
+    def reported(instruction):
         if "start motion" in instruction:
             driver.enable()
 
@@ -61,7 +61,7 @@ def test_our_driver_is_judged_over_real_sockets(monkeypatch):
     thread.start()
     try:
         suite = registry.load("motoros-driver")
-        report, timeline = run.at(suite, f"127.0.0.1:{base}", Level.HOLD, told, seconds=0.6)
+        report, timeline = run.at(suite, f"127.0.0.1:{base}", Level.HOLD, reported, seconds=0.6)
     finally:
         ended.set()
         thread.join()

@@ -128,26 +128,26 @@ def test_a_program_of_somebody_else_is_left_alone():
         (b"def x():\nend\n", "primary", False),
     ],
 )
-def test_what_only_asks_is_told_from_what_does(data, channel, asks):
+def test_what_only_asks_is_distinguished_from_what_does(data, channel, asks):
     assert SUITE.only_asks(WireEvent(0.0, Kind.DATA, True, channel, data)) is asks
 
 
 @pytest.mark.matrix
 def test_a_controller_is_judged_over_tcp():
     options = UrControllerOptions(rtde_port=0, primary_port=0, dashboard_port=0)
-    told = []
+    reported = []
     with UrControllerPeer(options) as peer:
         ports = {kind: peer.port(kind) for kind in peer.kinds}
         suite = registry.load("ur-rtde")
         rtde = dict.fromkeys(("rtde-1", "rtde-2"), ports["rtde"])
         suite.wires = lambda target: TcpPorts(target, ports | rtde)
-        report, _ = run.at(suite, "127.0.0.1", Level.LISTEN, told.append, seconds=1.5)
+        report, _ = run.at(suite, "127.0.0.1", Level.LISTEN, reported.append, seconds=1.5)
     found = outcomes(report)
     # Not those of times: this computer may stand still at any moment.
     for number in (1, 2, 3, 4, 6, 7, 11, 16, 17, 18, 21, 23, 24, 25, 26, 28, 30, 32, 33):
         assert found[f"UR-{number:03}"] is VerdictOutcome.PASSED, report.as_text()
     assert not report.simulated
-    assert told == []
+    assert reported == []
 
 
 def test_the_other_ports_lie_below_that_of_rtde():

@@ -94,16 +94,17 @@ class End(NamedTuple):
 
 
 EVENTS = """
-window.told = [];
+window.logged_events = [];
 for (const name of [
   "pointerdown", "pointerup", "pointercancel", "mousedown", "mouseup", "keydown", "keyup", "blur",
   "contextmenu", "resize", "pagehide", "lostpointercapture",
 ]) window.addEventListener(name, (event) => {
   const on = event.target?.closest?.("button")?.className ?? "";
   const what = event.code ?? event.pointerId ?? "";
-  told.push(`${name} ${what} ${JSON.stringify(event.key ?? "")} ${event.buttons ?? 0} [${on}]`);
+  const key = JSON.stringify(event.key ?? "");
+  logged_events.push(`${name} ${what} ${key} ${event.buttons ?? 0} [${on}]`);
 }, true);
-visualViewport.addEventListener("resize", () => told.push("seen"));
+visualViewport.addEventListener("resize", () => logged_events.push("seen"));
 """
 """Each event as "type key-or-pointer key buttons [classes of its element]"."""
 
@@ -369,15 +370,17 @@ def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
     sign = 1 if tcp.here[0] < 0.5 else -1
     at = hold(page, end.hand, jog("X", sign), lambda: _runs(bench, began_s))
     if end.logged or end.unheard:
-        page.value("told.length = 0")
+        page.value("logged_events.length = 0")
     at_s = time.monotonic()
     end.act(Held(page, at, bench))
     threading.Event().wait(watched_s)
     found = tcp.stop_since(at_s)
     if end.logged or end.unheard:
-        told = "\n".join(page.value("told"))
-        assert re.search(end.logged, told, re.MULTILINE), told
-        assert not (end.unheard and re.search(end.unheard, told, re.MULTILINE)), told
+        logged_events = "\n".join(page.value("logged_events"))
+        assert re.search(end.logged, logged_events, re.MULTILINE), logged_events
+        assert not (end.unheard and re.search(end.unheard, logged_events, re.MULTILINE)), (
+            logged_events
+        )
     if not end.lives:
         pages.close()
         return found

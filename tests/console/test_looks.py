@@ -153,7 +153,7 @@ def test_the_readout_has_position_and_orientation_with_units_and_no_minus_zero(p
     assert not re.search(r"-0\.?0*(?![\d.])", everything)
 
 
-def test_the_speed_is_told_in_mm_per_second_too(phone):
+def test_the_speed_is_reported_in_mm_per_second_too(phone):
     said = "document.querySelector('.speed').textContent"
     percent = "document.querySelector('.speed input[type=range]')"
     for share, speed in ((20, "50 mm/s"), (100, "250 mm/s"), (1, "2.5 mm/s")):
@@ -201,14 +201,14 @@ def test_parameters_have_words_with_units_and_their_raw_names_as_a_hint(
         page.until(RELOADED)
         show(page, "setup")
         page.until("document.querySelectorAll('.parameter').length > 10")
-        told = page.value(
+        reported = page.value(
             "[...document.querySelectorAll('.parameter')].map(e => "
             "[e.querySelector('b').textContent, e.title, e.textContent])"
         )
-    titles = [title for title, _, _ in told]
+    titles = [title for title, _, _ in reported]
     assert f"{word}, ms" in titles
     assert not [title for title in titles if "_" in title or re.search(r"cmc|ref\b", title, re.I)]
-    assert all(re.search(r"\b[a-z_]+\b", hint.split(":")[0]) for _, hint, _ in told)
+    assert all(re.search(r"\b[a-z_]+\b", hint.split(":")[0]) for _, hint, _ in reported)
     assert len(set(titles)) == len(titles)
 
 

@@ -66,7 +66,7 @@ PURPLE = """
 """Where a picture has a neighbor's color, in dots from the corner of a part of it."""
 
 
-class Told:
+class Neighbor:
     """Joint states of the neighbor, again and again until it falls silent."""
 
     def __init__(self, network):
@@ -147,9 +147,9 @@ def test_a_neighbor_is_where_its_joint_states_have_it_and_gray_once_they_are_old
         )
         gone(page, blank)
         seen = []
-        with contextlib.closing(Told(network)) as told:
+        with contextlib.closing(Neighbor(network)) as neighbor:
             for deg in (0.0, 90.0, 180.0):
-                told.joints[0] = math.radians(deg)
+                neighbor.joints[0] = math.radians(deg)
                 seen.append(middle(page, blank, seen[-1] if seen else None))
         gone(page, blank)
     base = 0.5 * (seen[0] + seen[2])

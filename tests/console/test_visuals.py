@@ -22,7 +22,7 @@ VISUAL = (
     "</visual>"
 )
 LOOKS = "document.querySelector('.picture').dataset.looks"
-TOLD = "document.body.textContent.includes({!r})"
+REPORTED = "document.body.textContent.includes({!r})"
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_links_are_shown_as_they_look_and_by_their_bodies_where_that_is_not_know
         page.until(RELOADED)
         page.until(f"{LOOKS} === '2'")
         page.click("#tab-setup")
-        page.until(TOLD.format("1 of 2 visual meshes are not shown, bodies stand in for them"))
+        page.until(REPORTED.format("1 of 2 visual meshes are not shown, bodies stand in for them"))
         asked = "performance.getEntriesByType('resource').map(each => new URL(each.name).pathname)"
         (mesh,) = [each for each in page.value(asked) if each.startswith("/visuals/")]
         assert len(mesh) == len("/visuals/") + 64

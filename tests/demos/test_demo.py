@@ -161,15 +161,15 @@ def test_a_device_without_a_bound_of_its_energy_is_held_against_its_force_alone(
         (FeedbackLimits(2.0), "0.90 N at most"),
     ],
 )
-def test_what_a_hand_felt_is_told(monkeypatch, capsys, felt, words):
+def test_what_a_hand_felt_is_reported(monkeypatch, capsys, felt, words):
     device = FakeHaptic()
     device.feedback_limits = felt
     monkeypatch.setattr(demo, "make_device", lambda config: device)
     pretend(monkeypatch, changed(DRAWN, finished=True))
     assert run_demo(10.0, "gofa") == EXIT_OK
     said = " ".join(capsys.readouterr().out.split())
-    _, _, told = said.partition(f"{choose_demo('gofa').success_message}, ")
-    assert told == words
+    _, _, reported = said.partition(f"{choose_demo('gofa').success_message}, ")
+    assert reported == words
 
 
 def test_an_unknown_demo_is_refused_with_the_known_ones():
@@ -271,7 +271,7 @@ def test_a_file_that_is_no_demo_is_refused():
 
 
 @pytest.mark.matrix
-def test_what_does_not_serve_is_told(capsys):
+def test_what_does_not_serve_is_reported(capsys):
     with (
         pytest.raises(DriverError, match="`cardan sim spacemouse` ended before it served"),
         cardan_subprocess("sim", "spacemouse"),
@@ -314,11 +314,11 @@ def test_every_demo_names_the_extras_that_it_needs():
 
 
 @pytest.mark.parametrize(("name", "extras"), [("ros2", "network\n"), ("gofa", "\n")])
-def test_the_extras_of_a_demo_are_told(name, extras):
-    told = subprocess.run(
+def test_the_extras_of_a_demo_are_reported(name, extras):
+    reported = subprocess.run(
         [sys.executable, "-m", "cardan", "demo", "--extras", name],
         capture_output=True,
         text=True,
         check=True,
     )
-    assert told.stdout == extras
+    assert reported.stdout == extras

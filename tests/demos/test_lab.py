@@ -50,7 +50,7 @@ def seen(**values):
     return SESSION | {"phase": phase, "snapshot": snapshot} | values
 
 
-class Told:
+class FakeClient:
     """Status from a daemon about an arm that is there and has moved."""
 
     def __init__(self, _path):
@@ -138,7 +138,7 @@ def quick(monkeypatch):
     """A lab whose arms are there at once; nothing runs."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
     monkeypatch.setattr(demo, "CardanSubprocess", Served)
-    monkeypatch.setattr(demo, "ControlClient", Told)
+    monkeypatch.setattr(demo, "ControlClient", FakeClient)
     monkeypatch.setattr(demo, "ObservedArms", lambda _: ObservedArms(["gofa"]))
     monkeypatch.setattr(demo, "POLL_S", 0.0)
 
@@ -153,7 +153,7 @@ def test_what_went_well_is_shown_and_said(quick, capsys):
 
 def test_it_is_not_judged_when_it_was_ended_by_hand(quick, monkeypatch, capsys):
     monkeypatch.setattr(
-        Told, "ask", lambda *_: os.kill(os.getpid(), signal.SIGINT) or {"units": ()}
+        FakeClient, "ask", lambda *_: os.kill(os.getpid(), signal.SIGINT) or {"units": ()}
     )
     assert run_lab(DEMO, 20.0) == EXIT_OK
     assert "not judged" in capsys.readouterr().out

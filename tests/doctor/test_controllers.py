@@ -22,7 +22,7 @@ from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.ur_rtde import UrRtde
 from cardan.protocols.ur.dashboard import GREETING
 from cardan.protocols.ur.rtde import PacketType, reply_accepted, text
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 EGM = Endpoint("udp", "192.168.125.99", 6510, True, "192.168.125.1")
 STATE = Endpoint("tcp", "192.168.255.1", 50241)
@@ -70,7 +70,7 @@ def test_what_drivers_use():
 )
 def test_findings(endpoint, heard, level, code):
     found = list(check_controllers({endpoint: "robot of a"}, {endpoint: heard}))
-    assert told(Controllers, found) == [(level, code)]
+    assert levels_and_codes(Controllers, found) == [(level, code)]
 
 
 def test_what_did_not_arrive_and_how_a_firewall_s_rules_are_seen():
@@ -156,7 +156,7 @@ def test_silence_and_ports_that_cannot_be_had():
 
 
 @pytest.mark.matrix
-def test_a_server_is_connected_to_and_told_nothing():
+def test_a_server_is_connected_to_and_sent_nothing():
     with socket.create_server(("127.0.0.1", 0)) as server:
         endpoint = Endpoint("tcp", "127.0.0.1", server.getsockname()[1])
         assert connect(endpoint) == Heard(("127.0.0.1",))
@@ -194,4 +194,4 @@ def test_the_check(tmp_path, said, expected):
         assert not wrong
         found = list(Controllers.look(Subject((file,), config)))
         serving.join()
-    assert told(Controllers, found) == [expected]
+    assert levels_and_codes(Controllers, found) == [expected]

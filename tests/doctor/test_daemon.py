@@ -8,7 +8,7 @@ from cardan.doctor import daemon
 from cardan.doctor.base import Subject
 from cardan.doctor.daemon import Running, check_absent, check_units
 from cardan.gateway.daemon.service import SystemdUnit, make_service
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 
 def row(name, state, reason="", kind="session"):
@@ -23,7 +23,7 @@ def test_units():
         row("web", "stopped", "stopped by hand", "server"),
     ]
     found = list(check_units(rows))
-    assert told(Running, found) == [
+    assert levels_and_codes(Running, found) == [
         ("good", "unit"),
         ("failure", "unit-failed"),
         ("caution", "unit-waiting"),
@@ -35,11 +35,13 @@ def test_units():
 
 def test_no_daemon():
     service = SystemdUnit(Path("/etc/systemd/system/cardan.service"), "", False)
-    assert told(Running, check_absent("no daemon runs here (x)", [])) == [("good", "daemon")]
+    assert levels_and_codes(Running, check_absent("no daemon runs here (x)", [])) == [
+        ("good", "daemon")
+    ]
     silent = check_absent("the daemon at x does not answer: Permission denied", [])
-    assert told(Running, silent) == [("failure", "daemon")]
+    assert levels_and_codes(Running, silent) == [("failure", "daemon")]
     installed = check_absent("no daemon runs here (x)", [service])
-    assert told(Running, installed) == [("failure", "service")]
+    assert levels_and_codes(Running, installed) == [("failure", "service")]
     assert installed.mend == "systemctl status cardan, then: systemctl restart cardan"
 
 
@@ -47,7 +49,7 @@ def test_where_none_runs(tmp_path, monkeypatch):
     none = SystemdUnit(tmp_path / "none", "", True)
     monkeypatch.setattr(daemon, "installed", lambda system: none)
     found = Running.look(Subject(socket=str(tmp_path / "cardan.sock")))
-    assert told(Running, found) == [("good", "daemon")]
+    assert levels_and_codes(Running, found) == [("good", "daemon")]
 
 
 @pytest.mark.parametrize(
@@ -62,7 +64,7 @@ def test_a_unit_of_before_the_command_had_its_name(start, tmp_path, monkeypatch)
         unit.path.write_text(f"ExecStart={start}\n")
     found = list(Running.look(subject))
     outdated = [("failure", "service-outdated")] * 2
-    assert told(Running, found) == [*outdated, ("failure", "service")]
+    assert levels_and_codes(Running, found) == [*outdated, ("failure", "service")]
     assert found[0].mend.startswith("cardan daemon service install FILE...")
     assert found[1].mend.startswith("sudo cardan daemon service install --system FILE...")
     file = tmp_path / "a.toml"
@@ -70,4 +72,4 @@ def test_a_unit_of_before_the_command_had_its_name(start, tmp_path, monkeypatch)
     text = make_service([file], system=False, account="x").text
     for unit in units:
         unit.path.write_text(text)
-    assert told(Running, Running.look(subject)) == [("failure", "service")]
+    assert levels_and_codes(Running, Running.look(subject)) == [("failure", "service")]

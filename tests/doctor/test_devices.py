@@ -17,8 +17,8 @@ from cardan.drivers.base import FoundDevice
 from cardan.drivers.keyboard import Keyboard
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.udev import udev_rules
+from tests.doctor.levels_and_codes import levels_and_codes
 from tests.doctor.test_processes import process
-from tests.doctor.told import told
 
 MOUSE = FoundDevice("SpaceMouse", "256f:c635", "hid", "/dev/hidraw0", "", "spacemouse")
 DENIED = MOUSE._replace(obstacle="no permission for /dev/hidraw0: install the udev rules")
@@ -26,15 +26,15 @@ WANTED = [Used("gofa", "device", "spacemouse", SpaceMouse())]
 
 
 def test_devices():
-    assert told(PluggedIn, check_devices([], WANTED)) == [("good", "device")]
-    assert told(PluggedIn, check_devices([MOUSE], WANTED)) == [("good", "device")]
+    assert levels_and_codes(PluggedIn, check_devices([], WANTED)) == [("good", "device")]
+    assert levels_and_codes(PluggedIn, check_devices([MOUSE], WANTED)) == [("good", "device")]
 
 
 def test_an_obstacle_is_grave_where_a_file_wants_the_device():
     wanted = list(check_devices([DENIED], WANTED))
     other = list(check_devices([DENIED], [Used("x", "device", "keyboard", Keyboard())]))
-    assert told(PluggedIn, wanted) == [("failure", "device")]
-    assert told(PluggedIn, other) == [("caution", "device")]
+    assert levels_and_codes(PluggedIn, wanted) == [("failure", "device")]
+    assert levels_and_codes(PluggedIn, other) == [("caution", "device")]
     assert wanted[0].mend.startswith(
         "cardan devices udev | sudo tee /etc/udev/rules.d/70-cardan.rules"
     )
@@ -57,7 +57,7 @@ def test_nodes_that_files_name():
     there = {"/dev/ttyUSB0": False, "/dev/ttyUSB1": True, "/dev/hidraw0": True, "/dev/x": True}
     allowed = {**dict.fromkeys(there, False), "/dev/x": True}
     found = list(check_paths(paths, there, allowed))
-    assert told(PluggedIn, found) == [
+    assert levels_and_codes(PluggedIn, found) == [
         *[("failure", "node")] * 3,
         ("good", "node"),
     ]
@@ -74,7 +74,7 @@ def test_a_file_that_names_a_node(tmp_path):
     config, wrong = read_files([file])
     assert not wrong
     found = PluggedIn.look(Subject((file,), config, devices=lambda: [MOUSE]))
-    assert told(PluggedIn, found) == [("good", "device"), ("failure", "node")]
+    assert levels_and_codes(PluggedIn, found) == [("good", "device"), ("failure", "node")]
 
 
 def test_udev_rules(tmp_path):
@@ -82,36 +82,40 @@ def test_udev_rules(tmp_path):
     rules.mkdir(parents=True)
     subject = Subject(root=tmp_path)
     none = list(UdevRules.look(subject))
-    assert told(UdevRules, none) == [("caution", "udev")]
+    assert levels_and_codes(UdevRules, none) == [("caution", "udev")]
     assert none[0].what == "the udev rules are not installed"
     (rules / "70-mine.rules").write_text(udev_rules())
-    assert told(UdevRules, UdevRules.look(subject)) == [("good", "udev")]
+    assert levels_and_codes(UdevRules, UdevRules.look(subject)) == [("good", "udev")]
 
 
 def test_udev_rules_of_an_older_release():
     found = check_rules({"a": "# x\nONE, MODE\n"}, "# y\n\nONE, MODE\nTWO, MODE\n")
-    assert told(UdevRules, found) == [("caution", "udev")]
+    assert levels_and_codes(UdevRules, found) == [("caution", "udev")]
     assert found.what == "1 of 2 udev rules are not installed"
-    assert told(UdevRules, check_rules({}, "# none\n")) == [("good", "udev")]
+    assert levels_and_codes(UdevRules, check_rules({}, "# none\n")) == [("good", "udev")]
 
 
 def test_spacenavd():
-    assert told(Holders, check_spacenavd([], ["spacemouse"], [])) == [("good", "spacenavd")]
-    assert told(Holders, check_spacenavd([7], ["spacemouse"], ["spnav"])) == [("good", "spacenavd")]
-    assert told(Holders, check_spacenavd([7], [], [])) == [("good", "spacenavd")]
+    assert levels_and_codes(Holders, check_spacenavd([], ["spacemouse"], [])) == [
+        ("good", "spacenavd")
+    ]
+    assert levels_and_codes(Holders, check_spacenavd([7], ["spacemouse"], ["spnav"])) == [
+        ("good", "spacenavd")
+    ]
+    assert levels_and_codes(Holders, check_spacenavd([7], [], [])) == [("good", "spacenavd")]
     taken = check_spacenavd([7], ["spacemouse"], ["spacemouse"])
-    assert told(Holders, taken) == [("caution", "spacenavd")]
+    assert levels_and_codes(Holders, taken) == [("caution", "spacenavd")]
 
 
 def test_holders():
     held = {"/dev/hidraw0": Holder(7, "blender", False), "/dev/hidraw1": Holder(8, "cardan", True)}
     found = list(check_holders(held))
-    assert told(Holders, found) == [("caution", "holder"), ("good", "holder")]
+    assert levels_and_codes(Holders, found) == [("caution", "holder"), ("good", "holder")]
     assert found[0].mend == "kill 7"
 
 
 def test_holders_by_proc(tmp_path):
     process(tmp_path, 70, "/usr/bin/spacenavd", comm="spacenavd", opened=["/dev/hidraw0"])
     found = list(Holders.look(Subject(root=tmp_path, devices=lambda: [MOUSE])))
-    assert told(Holders, found) == [("good", "spacenavd"), ("caution", "holder")]
+    assert levels_and_codes(Holders, found) == [("good", "spacenavd"), ("caution", "holder")]
     assert found[1].what == "/dev/hidraw0 is open in /usr/bin/spacenavd (pid 70)"

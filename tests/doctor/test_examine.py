@@ -80,9 +80,9 @@ def test_the_gravest_level():
 
 
 def test_json():
-    told = json.loads(as_json([Examined("g", failure("code", "what", "why", "mend"))]))
-    assert told["level"] == "failure"
-    assert told["findings"] == [
+    reported = json.loads(as_json([Examined("g", failure("code", "what", "why", "mend"))]))
+    assert reported["level"] == "failure"
+    assert reported["findings"] == [
         {"group": "g", "level": "failure", "code": "code", "what": "what", "why": "why",
          "mend": "mend"}
     ]  # fmt: skip
@@ -98,7 +98,7 @@ def test_every_check_of_ours_is_declared():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("no 00:1E:35:AB:CD:EF here", "no **:**:**:**:**:** here"),
         ("/dev/serial/by-id/usb-FTDI_A1B2-if00: no", "/dev/.../by-id/*** no"),
@@ -108,8 +108,8 @@ def test_every_check_of_ours_is_declared():
         ("pin 1 of vm", "pin 1 of ***"),
     ],
 )
-def test_what_is_masked(text, told):
-    assert masked(text, {"/home/ana", "ana", "lab7", "S-12", "1", "vm"}) == told
+def test_what_is_masked(text, reported):
+    assert masked(text, {"/home/ana", "ana", "lab7", "S-12", "1", "vm"}) == reported
 
 
 def test_a_report_names_nobody(tmp_path, monkeypatch):

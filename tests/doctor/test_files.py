@@ -2,7 +2,7 @@
 
 from cardan.doctor.base import Subject
 from cardan.doctor.files import Files, read_files
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 GOOD = '[robot]\ndriver = "abb_egm"\n'
 OPEN = '[robot]\ndriver = "abb_egm"\nlisten_host = "0.0.0.0"\n'
@@ -19,23 +19,23 @@ def look(tmp_path, **files):
 def test_no_file():
     config, wrong = read_files([])
     assert (config.sessions, wrong) == ({}, "")
-    assert told(Files, Files.look(Subject())) == []
+    assert levels_and_codes(Files, Files.look(Subject())) == []
 
 
 def test_files_that_are_fine(tmp_path):
     _, found = look(tmp_path, good=GOOD, web="[servers.rosbridge]\n")
-    assert told(Files, found) == [("good", "file"), ("good", "file")]
+    assert levels_and_codes(Files, found) == [("good", "file"), ("good", "file")]
 
 
 def test_what_a_driver_warns_of(tmp_path):
     _, found = look(tmp_path, open=OPEN)
-    assert told(Files, found) == [("caution", "caution")]
+    assert levels_and_codes(Files, found) == [("caution", "caution")]
     assert found[0].what.startswith("open: robot: listen_host 0.0.0.0 without controller_host")
 
 
 def test_a_wrong_file_beside_a_good_one(tmp_path):
     config, found = look(tmp_path, bad=WRONG, good=GOOD)
-    assert told(Files, found) == [("failure", "file"), ("good", "file")]
+    assert levels_and_codes(Files, found) == [("failure", "file"), ("good", "file")]
     assert "bad.toml" in found[0].what
     assert "listen_prot" in found[0].what
     assert list(config.sessions) == ["good"]

@@ -16,7 +16,7 @@ from cardan.doctor.installation import (
     own_requirements,
     read_requirements,
 )
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 METADATA = [
     "hidapi>=0.14",
@@ -79,13 +79,13 @@ def test_what_an_extra_lacks(extra, versions, missing):
 
 def test_all_that_is_needed_is_there():
     found = list(check_packages(requirements(), {"arm": "[arm] of x"}, VERSIONS.get))
-    assert told(Packages, found) == [("good", "package"), ("good", "extra")]
+    assert levels_and_codes(Packages, found) == [("good", "package"), ("good", "extra")]
     assert found[1].what.endswith("; without can, which nothing here needs")
 
 
 def test_an_extra_that_a_file_needs():
     found = list(check_packages(requirements(), {"can": "device 'jr3_can' of x"}, {}.get))
-    assert told(Packages, found) == [
+    assert levels_and_codes(Packages, found) == [
         ("failure", "package"),
         ("failure", "extra"),
         ("good", "extra"),
@@ -120,18 +120,23 @@ robot = { driver = "abb_egm" }
 def test_plug_ins():
     loaded = Loaded({}, {"lever": "cannot be loaded: no lever"}, ["driver 'a' is b; c is not used"])
     found = list(check_plug_ins([("driver", loaded)]))
-    assert told(PlugIns, found) == [("failure", "plug-in"), ("caution", "plug-in")]
+    assert levels_and_codes(PlugIns, found) == [("failure", "plug-in"), ("caution", "plug-in")]
     assert found[0].what == "driver 'lever' cannot be loaded: no lever"
-    assert told(PlugIns, check_plug_ins([("server", Loaded({}, {}, []))])) == [("good", "plug-in")]
+    assert levels_and_codes(PlugIns, check_plug_ins([("server", Loaded({}, {}, []))])) == [
+        ("good", "plug-in")
+    ]
 
 
 def test_what_an_extra_brings_is_no_failure_without_it():
     loaded = Loaded({}, {"rosbridge": "cannot be loaded: ..."}, [], {"rosbridge": "network"})
     found = list(check_plug_ins([("server", loaded)]))
-    assert told(PlugIns, found) == [("good", "plug-in"), ("good", "plug-in")]
+    assert levels_and_codes(PlugIns, found) == [("good", "plug-in"), ("good", "plug-in")]
     assert found[0].what == "not installed: pip install \"cardan[network]\" for server 'rosbridge'"
 
 
 def test_here():
     for check in (Packages, PlugIns):
-        assert {level for level, _ in told(check, check.look(Subject()))} <= {"good", "caution"}
+        assert {level for level, _ in levels_and_codes(check, check.look(Subject()))} <= {
+            "good",
+            "caution",
+        }

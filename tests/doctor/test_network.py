@@ -9,7 +9,7 @@ from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files
 from cardan.doctor.network import Bus, RosEnvironment, check_bus, check_environment
 from cardan.errors import DriverError
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 HERE = BusOptions()
 THERE = BusOptions(router="tcp/192.168.7.7:7447", mode="client")
@@ -35,7 +35,9 @@ def no(_address):
     ],
 )
 def test_who_is_met(options, served, found, level):
-    assert told(Bus, check_bus(options, "session a", lambda _: found, served)) == [(level, "bus")]
+    assert levels_and_codes(Bus, check_bus(options, "session a", lambda _: found, served)) == [
+        (level, "bus")
+    ]
 
 
 def test_a_bus_without_a_router_is_not_joined():
@@ -43,7 +45,7 @@ def test_a_bus_without_a_router_is_not_joined():
         raise AssertionError("it was joined")
 
     found = check_bus(HERE, "session a", never, no)
-    assert told(Bus, found) == [("good", "bus")]
+    assert levels_and_codes(Bus, found) == [("good", "bus")]
     assert "a session with [network] starts it" in found.what
 
 
@@ -51,7 +53,7 @@ def test_a_bus_that_cannot_be_joined():
     def fails(_options):
         raise DriverError("no zenoh")
 
-    assert told(Bus, check_bus(HERE, "session a", fails, yes)) == [("failure", "bus")]
+    assert levels_and_codes(Bus, check_bus(HERE, "session a", fails, yes)) == [("failure", "bus")]
 
 
 @pytest.mark.parametrize(
@@ -66,7 +68,9 @@ def test_a_bus_that_cannot_be_joined():
 )
 def test_the_environment(environment, levels):
     found = list(check_environment(environment, {HERE: "session a"}))
-    assert told(RosEnvironment, found) == list(zip(levels, ("rmw", "domain"), strict=True))
+    assert levels_and_codes(RosEnvironment, found) == list(
+        zip(levels, ("rmw", "domain"), strict=True)
+    )
 
 
 def test_each_bus_is_looked_at_once(tmp_path, monkeypatch):
@@ -88,9 +92,9 @@ def test_each_bus_is_looked_at_once(tmp_path, monkeypatch):
 
     monkeypatch.setattr(network, "check_bus", check)
     subject = Subject((file,), config, environment={"ROS_DOMAIN_ID": "3"})
-    assert told(Bus, Bus.look(subject)) == [("good", "bus")] * 2
+    assert levels_and_codes(Bus, Bus.look(subject)) == [("good", "bus")] * 2
     assert looked == [(0, "session a"), (3, "session c")]
-    assert told(RosEnvironment, RosEnvironment.look(subject)) == [
+    assert levels_and_codes(RosEnvironment, RosEnvironment.look(subject)) == [
         ("good", "rmw"),
         ("good", "domain"),
     ]
@@ -111,4 +115,9 @@ def test_servers_join_the_bus_too(tmp_path):
 
 
 def test_without_a_bus_the_environment_does_not_matter():
-    assert told(RosEnvironment, RosEnvironment.look(Subject(environment={"ROS_DISTRO": "x"}))) == []
+    assert (
+        levels_and_codes(
+            RosEnvironment, RosEnvironment.look(Subject(environment={"ROS_DISTRO": "x"}))
+        )
+        == []
+    )

@@ -2,7 +2,7 @@
 
 from cardan.doctor import registry
 from cardan.doctor.base import Check, Subject
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 from tests.test_docs import blocks, rows, section, text
 
 PAGE = section(text("troubleshooting.md"), "What is wrong here: `cardan doctor`")
@@ -21,4 +21,4 @@ def test_the_example_of_a_check():
     check = names["LeverCheck"]
     for answer, level in ((None, "failure"), ("it runs", "good")):
         subject = Subject(run=lambda words, answer=answer: answer)
-        assert told(check, check.look(subject)) == [(level, "lever-daemon")]
+        assert levels_and_codes(check, check.look(subject)) == [(level, "lever-daemon")]

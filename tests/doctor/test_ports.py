@@ -20,7 +20,7 @@ from cardan.doctor.ports import (
     wanted_ports,
 )
 from cardan.doctor.processes import Holder
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 LITTLE = sys.byteorder == "little"
 UDP = """  sl  local_address rem_address   st tx_queue tr tm->when retrnsmt   uid  timeout inode
@@ -81,14 +81,14 @@ TAKEN = Bound("udp", "0.0.0.0", 6510, 4711)
 )
 def test_a_port(bound, held, level, mend):
     found = list(check_ports([EGM], bound, held))
-    assert told(Ports, found) == [(level, "port")]
+    assert levels_and_codes(Ports, found) == [(level, "port")]
     assert found[0].mend == mend
 
 
 def test_one_port_for_two():
     other = EGM._replace(who="robot of other")
     found = list(check_ports([EGM, other, EGM._replace(port=0)], [], {}))
-    assert told(Ports, found) == [("good", "port"), ("failure", "port-twice")]
+    assert levels_and_codes(Ports, found) == [("good", "port"), ("failure", "port-twice")]
 
 
 LAB = """
@@ -125,7 +125,7 @@ def test_a_socket_of_this_process_is_seen(tmp_path):
         file.write_text(LAB.replace("PORT", str(port)))
         config, _ = read_files([file])
         found = list(Ports.look(Subject((file,), config)))
-    assert told(Ports, found)[0] == ("failure", "port")
+    assert levels_and_codes(Ports, found)[0] == ("failure", "port")
 
 
 def test_names_of_hosts():

@@ -9,7 +9,7 @@ from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files
 from cardan.doctor.servers import ServerAccess, check_access, check_certificate
 from tests import certificates
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 NOW = datetime.datetime(2026, 6, 1, tzinfo=datetime.timezone.utc)
 DAY = datetime.timedelta(days=1)
@@ -27,7 +27,10 @@ TOKEN = "0123456789abcdef0123456789"
 )
 def test_how_long_a_certificate_is_valid(begins, ends, level, what):
     found = list(check_certificate("server a", Certificate(begins, ends, ("lab",)), ["lab"], NOW))
-    assert told(ServerAccess, found) == [(level, "certificate"), ("good", "certificate-name")]
+    assert levels_and_codes(ServerAccess, found) == [
+        (level, "certificate"),
+        ("good", "certificate-name"),
+    ]
     assert what in found[0].what
 
 
@@ -45,7 +48,10 @@ def test_how_long_a_certificate_is_valid(begins, ends, level, what):
 def test_the_names_of_a_certificate(names, own, level):
     certificate = Certificate(NOW - DAY, NOW + 90 * DAY, names)
     found = list(check_certificate("server a", certificate, own, NOW))
-    assert told(ServerAccess, found) == [("good", "certificate"), (level, "certificate-name")]
+    assert levels_and_codes(ServerAccess, found) == [
+        ("good", "certificate"),
+        (level, "certificate-name"),
+    ]
 
 
 def look(tmp_path, text, now=None):
@@ -57,7 +63,7 @@ def look(tmp_path, text, now=None):
         found = list(ServerAccess.look(Subject((file,), config)))
     else:
         found = list(check_access("rosbridge", config.servers["rosbridge"], "lab", now))
-    return told(ServerAccess, found), found
+    return levels_and_codes(ServerAccess, found), found
 
 
 @pytest.fixture
@@ -87,7 +93,7 @@ def test_a_console_in_others_reach_makes_its_certificate(tmp_path):
     config, wrong = read_files([file])
     assert not wrong
     found = list(ServerAccess.look(Subject((file,), config)))
-    assert told(ServerAccess, found) == [("good", "server")]
+    assert levels_and_codes(ServerAccess, found) == [("good", "server")]
     assert "tokens that it makes" in found[0].what
 
 

@@ -18,7 +18,7 @@ from cardan.doctor.system import (
     check_scheduling,
     has_capability,
 )
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ from tests.doctor.told import told
 )
 def test_real_time_scheduling(limit, capable, haptic, level):
     found = check_scheduling(limit, capable, haptic)
-    assert told(Scheduling, found) == [(level, "real-time")]
+    assert levels_and_codes(Scheduling, found) == [(level, "real-time")]
     if level == "caution":
         assert f"rtprio {99 if haptic else 10}" in found.mend
 
@@ -49,7 +49,9 @@ def test_real_time_scheduling(limit, capable, haptic, level):
     ],
 )
 def test_memory_that_may_be_locked(limit, capable, haptic, level):
-    assert told(MemoryLock, check_memory_lock(limit, capable, haptic)) == [(level, "memory-lock")]
+    assert levels_and_codes(MemoryLock, check_memory_lock(limit, capable, haptic)) == [
+        (level, "memory-lock")
+    ]
 
 
 def test_capabilities():
@@ -59,24 +61,26 @@ def test_capabilities():
 
 
 def test_governors():
-    assert told(Governor, check_governors({})) == [("good", "governor")]
-    assert told(Governor, check_governors({"cpu0": "performance"})) == [("good", "governor")]
+    assert levels_and_codes(Governor, check_governors({})) == [("good", "governor")]
+    assert levels_and_codes(Governor, check_governors({"cpu0": "performance"})) == [
+        ("good", "governor")
+    ]
     found = check_governors({"cpu0": "performance", "cpu1": "powersave"})
-    assert told(Governor, found) == [("caution", "governor")]
+    assert levels_and_codes(Governor, found) == [("caution", "governor")]
     assert found.mend == "sudo cpupower frequency-set -g performance"
 
 
 def test_clocks():
-    assert told(Clock, check_clock("tsc", "tsc hpet")) == [("good", "clock")]
+    assert levels_and_codes(Clock, check_clock("tsc", "tsc hpet")) == [("good", "clock")]
     better = check_clock("hpet", "hpet tsc acpi_pm")
-    assert told(Clock, better) == [("caution", "clock")]
+    assert levels_and_codes(Clock, better) == [("caution", "clock")]
     assert better.mend.startswith("echo tsc | sudo tee /sys/")
     assert "dmesg" in check_clock("hpet", "hpet acpi_pm").mend
 
 
 def test_load():
-    assert told(Load, check_load(1.9, 2)) == [("good", "load")]
-    assert told(Load, check_load(2.1, 2)) == [("caution", "load")]
+    assert levels_and_codes(Load, check_load(1.9, 2)) == [("good", "load")]
+    assert levels_and_codes(Load, check_load(2.1, 2)) == [("caution", "load")]
 
 
 def write(root, path, text):
@@ -92,15 +96,15 @@ def test_where_the_kernel_says_it(tmp_path):
     write(tmp_path, f"{clock}/available_clocksource", "tsc hpet \n")
     write(tmp_path, "proc/loadavg", "1000.5 0.1 0.1 1/100 4711\n")
     subject = Subject(root=tmp_path)
-    assert told(Governor, Governor.look(subject)) == [("caution", "governor")]
-    assert told(Clock, Clock.look(subject)) == [("caution", "clock")]
-    assert told(Load, Load.look(subject)) == [("caution", "load")]
+    assert levels_and_codes(Governor, Governor.look(subject)) == [("caution", "governor")]
+    assert levels_and_codes(Clock, Clock.look(subject)) == [("caution", "clock")]
+    assert levels_and_codes(Load, Load.look(subject)) == [("caution", "load")]
 
 
 def test_a_system_that_says_nothing(tmp_path):
     subject = Subject(root=tmp_path)
-    assert told(Governor, Governor.look(subject)) == [("good", "governor")]
-    assert told(Clock, Clock.look(subject)) == [("good", "clock")]
-    assert told(Load, Load.look(subject)) == []
-    assert len(told(Scheduling, Scheduling.look(subject))) == 1
-    assert len(told(MemoryLock, MemoryLock.look(subject))) == 1
+    assert levels_and_codes(Governor, Governor.look(subject)) == [("good", "governor")]
+    assert levels_and_codes(Clock, Clock.look(subject)) == [("good", "clock")]
+    assert levels_and_codes(Load, Load.look(subject)) == []
+    assert len(levels_and_codes(Scheduling, Scheduling.look(subject))) == 1
+    assert len(levels_and_codes(MemoryLock, MemoryLock.look(subject))) == 1

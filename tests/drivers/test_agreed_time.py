@@ -152,7 +152,7 @@ def test_simulated_time_may_pass_at_its_own_speed_and_makes_nothing_faster(facto
         assert heard(sent(6.0), clock, simulated=True)[1] != []
 
 
-def test_a_clock_that_is_no_simulations_is_told_the_option_for_those():
+def test_a_clock_that_is_no_simulations_is_reported_the_option_for_those():
     agreed = AgreedTime(PERIOD_S, option="simulated_time")
     for sent_s, came_s in sent(3.0):
         agreed.passed(0.5 * sent_s, came_s)

@@ -145,7 +145,7 @@ def test_lost_and_closed(live, end, link, reason):
     assert live.state(2.0).link is DeviceLink.NEEDS_NEUTRAL
 
 
-def test_a_wrench_is_told_whatever_the_link(live):
+def test_a_wrench_is_reported_whatever_the_link(live):
     live.wrench = Wrench(Vector3(1.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
     assert live.state(1.2).link is DeviceLink.STALE
     assert live.state(1.2).wrench == live.wrench

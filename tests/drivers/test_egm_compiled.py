@@ -82,7 +82,7 @@ def random_command(choice: random.Random, at: list[float]) -> object:
     return JointCommand(positions, velocities)  # type: ignore[arg-type]
 
 
-def told(session: EgmSession, command: object, now_s: float) -> object:
+def reported(session: EgmSession, command: object, now_s: float) -> object:
     try:
         return session.reply(command, now_s)  # type: ignore[arg-type]
     except CommandError as error:
@@ -145,7 +145,7 @@ def test_answers_are_those_of_the_session_in_python_byte_for_byte(
         if states[0] is None:
             continue
         command = random_command(choice, at)
-        found = [told(session, command, came_s + late_s) for session in (quick, plain)]
+        found = [reported(session, command, came_s + late_s) for session in (quick, plain)]
         assert found[0] == found[1], (cycle, command)
         for session in (quick, plain):
             session.answered(came_s + late_s)
@@ -380,7 +380,7 @@ def test_all_that_a_session_says_is_that_of_the_one_in_python(
         assert quick.reply_pending == plain.reply_pending
         if quick.reply_pending and happens < 0.99:
             command = operator.command()
-            found = [told(session, command, now_s + late_s) for session in (quick, plain)]
+            found = [reported(session, command, now_s + late_s) for session in (quick, plain)]
             assert found[0] == found[1], (cycle, command)
             for session in (quick, plain):
                 session.answered(now_s + late_s)

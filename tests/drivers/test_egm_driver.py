@@ -434,7 +434,7 @@ class TestLeaving:
         assert speeds[-1] == 0.0
         assert robot.metrics()["late_commands"] == 1
 
-    def test_a_controller_that_fell_silent_long_ago_is_told_nothing(
+    def test_a_controller_that_fell_silent_long_ago_is_sent_nothing(
         self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         cycles = robot.cycles()

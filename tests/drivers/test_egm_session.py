@@ -324,7 +324,7 @@ class TestPinning:
         assert bench.hear() is not None
         assert bench.session.peer == PEER
 
-    def test_a_program_that_is_started_anew_at_once_is_told_from_others(self) -> None:
+    def test_a_program_that_is_started_anew_at_once_is_distinguished_from_others(self) -> None:
         bench = Bench().started()
         bench.controller.seqno = 0
         assert [bench.hear(OTHER_PORT) for _ in range(20)] == [None] * 20
@@ -346,7 +346,7 @@ class TestPinning:
             assert bench.session.receive(data, PEER, bench.now_s) is not None
         assert bench.session.sessions == 1
 
-    def test_a_port_left_at_rest_or_long_ago_is_told_nothing(self) -> None:
+    def test_a_port_left_at_rest_or_long_ago_is_sent_nothing(self) -> None:
         for command, silence_s in ((HOLD, 0.11), (joint_target(1.0), 0.21)):
             bench = Bench().started()
             bench.cycle(command)
@@ -1320,8 +1320,8 @@ class TestInsight:
 
     def test_two_looks_at_one_time_say_nothing_of_a_speed(self) -> None:
         detector = SpeedCapDetector()
-        for told in (0.0, 0.1):
-            detector.look(((told,), (0.0,)), 1000.0)
+        for reported in (0.0, 0.1):
+            detector.look(((reported,), (0.0,)), 1000.0)
         assert (detector.commanded, detector.done, detector.capped) == (0.0, 0.0, False)
 
     def test_the_hint_about_max_speed_deviation(self) -> None:
@@ -1369,7 +1369,7 @@ class TestInsight:
         assert metrics["reply_latency_median_s"] == pytest.approx(1e-4, rel=0.03)
         assert metrics["reply_latency_max_s"] == pytest.approx(1e-4, rel=1e-3)
 
-    def test_send_errors_are_told(self) -> None:
+    def test_send_errors_are_reported(self) -> None:
         bench = Bench()
         bench.session.send_failed("Network is unreachable")
         assert "Network is unreachable" in self.words(bench)

@@ -103,9 +103,9 @@ def test_every_option_has_a_default_and_says_what_it_is(driver):
     assert options() == options()
     with pytest.raises(dataclasses.FrozenInstanceError):
         options().wait_for_device = True
-    told = "".join(
+    reported = "".join(
         inspect.getsource(each) for each in options.__mro__ if each.__module__.startswith("cardan")
     )
     for field in dataclasses.fields(options):
-        after = told.partition(f"    {field.name}: ")[2]
+        after = reported.partition(f"    {field.name}: ")[2]
         assert '"""' in after.split("\n    def ")[0].split(": ", 1)[-1], field.name

@@ -161,9 +161,9 @@ def egm_answers(bench: Bench, command: RobotCommand, cycles: int) -> None:
         except CommandError:
             answer = bench.session.hold(bench.now_s)
         bench.session.answered(bench.now_s)
-        told = decode_from_pc(answer)
-        assert not isinstance(told, MalformedEgmMessage), told
-        assert all_finite(told), told
+        reported = decode_from_pc(answer)
+        assert not isinstance(reported, MalformedEgmMessage), reported
+        assert all_finite(reported), reported
         if bench.options.mode != "path-correction":
             bench.controller.follow(answer)
 
@@ -283,6 +283,6 @@ def test_commands_to_the_simulated_arm_are_finite(limits, asked):
         with contextlib.suppress(CommandError):
             data = session.command(command, 1.0)
             assert all_finite(command)
-            told = decode_command(data)
-            assert isinstance(told, ArmCommand)
-            assert all_finite(told)
+            reported = decode_command(data)
+            assert isinstance(reported, ArmCommand)
+            assert all_finite(reported)

@@ -136,7 +136,7 @@ def at_rest(right):
 
 @pytest.mark.parametrize("right", RIGHT_AT.values(), ids=RIGHT_AT)
 @pytest.mark.parametrize("heard", [False, True], ids=["not heard before", "heard before"])
-def test_an_unknown_pads_axes_are_told_by_where_they_rest(right, heard):
+def test_an_unknown_pads_axes_are_reported_by_where_they_rest(right, heard):
     """Before its first report the kernel has all at 0."""
     core = GamepadCore(GamepadOptions())
     rest = at_rest(right)

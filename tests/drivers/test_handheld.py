@@ -318,13 +318,13 @@ def hidden_and_turned(bench):
     bench.device.visible = True
 
 
-def told_of_a_small_turn(bench):
+def reported_of_a_small_turn(bench):
     recentered(bench, math.radians(20), reported=True)
 
 
-def told_while_lost(bench):
+def reported_while_lost(bench):
     bench.device.lose_tracking()
-    told_of_a_small_turn(bench)
+    reported_of_a_small_turn(bench)
     bench.run(0.1)
     bench.device.tracking = True
 
@@ -338,8 +338,8 @@ def told_while_lost(bench):
         (lost_and_found, "elsewhere"),
         (silent_and_turned, "elsewhere"),
         (hidden_and_turned, "elsewhere"),
-        (told_of_a_small_turn, "another reference"),
-        (told_while_lost, "another reference"),
+        (reported_of_a_small_turn, "another reference"),
+        (reported_while_lost, "another reference"),
     ],
 )
 def test_an_alignment_is_void_after_a_jump_of_its_reference(kind, held, jumps, words):
@@ -378,7 +378,7 @@ def test_a_hand_that_is_found_where_it_was_lost_stays_aligned(kind, interrupt):
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_reference_disarms_where_each_hold_is_its_own_heading(kind):
     bench = Bench(kind, heading="each hold", **PLAIN).held(HALF)
-    told_of_a_small_turn(bench)
+    reported_of_a_small_turn(bench)
     bench.run(0.1)
     assert bench.state.axes == NEUTRAL
     assert "let go" in bench.state.reason

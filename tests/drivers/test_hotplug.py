@@ -45,7 +45,7 @@ def test_other_events_do_not(reports_devices, data):
     assert not reports_devices(data).wait(0.01, NEVER)
 
 
-def test_it_ends_when_it_is_told_to():
+def test_it_ends_when_it_is_asked_to():
     stop = threading.Event()
     stop.set()
     arrivals = HotplugMonitor()

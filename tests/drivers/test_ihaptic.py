@@ -47,7 +47,7 @@ def test_feedback_becomes_a_command_along_the_axes_of_the_hand(device, yarp):
 
 def test_its_commands_count_on_from_those_of_others(device, yarp):
     yarp.set_feedback(ZERO3)
-    device.told = device.told._replace(command_sequence=70)
+    device.haptic_state = device.haptic_state._replace(command_sequence=70)
     yarp.set_feedback(ZERO3)
     assert [command.sequence for command in device.commands] == [1, 71]
 

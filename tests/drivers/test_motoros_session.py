@@ -106,7 +106,7 @@ def test_the_byte_order_is_the_state_ports(big_endian):
     assert run.session.feed.byte_order is (ByteOrder.BIG if big_endian else ByteOrder.LITTLE)
 
 
-def test_a_byte_order_that_is_told_wrongly_is_named():
+def test_a_byte_order_that_is_reported_wrongly_is_named():
     run = bench("stream", driver={"byte_order": "big"}).run(1.0)
     assert run.session.phase is MotionPhase.DOWN
     assert any("prefix" in words for words in run.session.diagnosis(run.now_s))
@@ -551,7 +551,7 @@ def test_braking_that_nobody_answers_ends_all_the_same(mode):
 
 
 @pytest.mark.parametrize("trust", [True, False])
-def test_measured_speeds_are_told_where_they_are_trusted(trust):
+def test_measured_speeds_are_reported_where_they_are_trusted(trust):
     run = turning(bench("velocity", driver={"trust_velocity": trust}).ready()).run(0.5)
     expected = pytest.approx((0.4,) + (0.0,) * 5, abs=0.02) if trust else ()
     assert run.states[-1].velocities == expected

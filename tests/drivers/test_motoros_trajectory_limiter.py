@@ -123,7 +123,7 @@ class TestGuarantees:
             distance = abs(guide.reference[0])
         assert distance == pytest.approx(0.0, abs=1e-9)
 
-    def test_a_joint_told_to_stay_outside_its_range_stays(self) -> None:
+    def test_a_joint_asked_to_stay_outside_its_range_stays(self) -> None:
         guide = guide_at(0.6, 0.0, 0.0)
         run(guide, JointCommand((0.6, 0.0, 0.0)), 50)
         run(guide, HoldCommand(), 50)

@@ -73,8 +73,8 @@ def test_every_edge_comes_once_and_in_order(link, max_age_s):
         bench.press("hold" if number % 2 else "grip", False)
         bench.run(0.05)
     bench.run(1.0)
-    told = [(event.button, event.pressed) for event in bench.heard]
-    assert told == [
+    reported = [(event.button, event.pressed) for event in bench.heard]
+    assert reported == [
         ("hold" if number % 2 else "grip", pressed)
         for number in range(40)
         for pressed in (True, False)
@@ -539,8 +539,8 @@ def test_a_claim_that_the_giving_back_overtook_takes_nothing():
     # Another session may have it at once, by a clock of its own, and the same one anew.
     for lessee, asked_s, sender in ((6, 0.5, 2), (5, 1.06, 1)):
         for wanted in (True, False):
-            told = claim(lessee, asked_s + 0.01 * (not wanted), wanted)
-            share.on_received(received(CLAIM_TYPE, claim_message(told), sender=sender), 1.0)
+            reported = claim(lessee, asked_s + 0.01 * (not wanted), wanted)
+            share.on_received(received(CLAIM_TYPE, claim_message(reported), sender=sender), 1.0)
             assert (share.lessee(1.0) != "") is wanted
 
 
@@ -753,7 +753,7 @@ def test_options(kind, given):
         kind(**given)
 
 
-def test_who_does_not_share_is_told_how():
+def test_who_does_not_share_is_reported_how():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     with pytest.raises(DeviceNotFoundError, match="start `cardan devices share`"):
         Remote(router="", mode="peer").open()

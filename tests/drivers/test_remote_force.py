@@ -136,7 +136,7 @@ class StillHand(FakeHaptic):
 
     def __init__(self):
         super().__init__()
-        self.told = self.told._replace(pose=Pose(ZERO3, IDENTITY))
+        self.haptic_state = self.haptic_state._replace(pose=Pose(ZERO3, IDENTITY))
 
     @property
     def force_n(self):
@@ -157,8 +157,8 @@ def pressed(link=None, **options):
 def test_a_force_goes_the_way_that_the_motion_came(delay_s):
     bench = pressed(Link(delay_s, 0.1 * delay_s, loss=0.05), max_age_s=0.5)
     assert bench.haptic.calls == ["enable"]
-    told = bench.core.haptic_feedback.state
-    assert (told.state, told.rendering, told.command_sequence) == (
+    haptic_state = bench.core.haptic_feedback.state
+    assert (haptic_state.state, haptic_state.rendering, haptic_state.command_sequence) == (
         OperatingState.ENABLED,
         True,
         1,
@@ -238,9 +238,9 @@ def test_another_lease_is_another_engagement_though_it_came_while_this_end_stood
     before = bench.force_end._port
     assert before is not None
     order, heard_s, lease = bench.share.order(bench.there_s)
-    told = len(bench.haptic.commands)
+    haptic_state = len(bench.haptic.commands)
     bench.force_end.cycle(order, heard_s, lease + 1, bench.there_s + 0.02)
-    assert [each.engaged for each in bench.haptic.commands[told:]][:1] == [False]
+    assert [each.engaged for each in bench.haptic.commands[haptic_state:]][:1] == [False]
     assert bench.force_end._port is not before
 
 
@@ -257,14 +257,14 @@ def test_an_answer_to_what_the_hand_has_not_done_yet_is_none():
     assert not bench.haptic.commands[-1].engaged
 
 
-def test_what_the_device_refuses_is_told_at_the_arm():
+def test_what_the_device_refuses_is_reported_at_the_arm():
     bench = Bench(haptic=StillHand()).live()
     bench.haptic.obstacle = "the stylus is in its inkwell"
     bench.command = PRESSED
     bench.run(0.3)
-    told = bench.core.haptic_feedback.state
-    assert "the stylus is in its inkwell" in told.reason
-    assert (told.state, told.rendering) == (OperatingState.DISABLED, False)
+    haptic_state = bench.core.haptic_feedback.state
+    assert "the stylus is in its inkwell" in haptic_state.reason
+    assert (haptic_state.state, haptic_state.rendering) == (OperatingState.DISABLED, False)
     bench.haptic.obstacle = ""
     bench.run(0.3)
     assert bench.core.haptic_feedback.state.rendering
@@ -311,9 +311,9 @@ def test_nothing_is_let_out_before_it_is_enabled_and_after_it_is_not(monkeypatch
     assert device._command.engaged
     silent(bench)
     bench.run(0.3)
-    told = device.haptics()
-    assert not told.rendering
-    assert "max_age_s" in told.reason
+    haptic_state = device.haptics()
+    assert not haptic_state.rendering
+    assert "max_age_s" in haptic_state.reason
 
 
 def test_a_command_that_means_nothing_changes_nothing():

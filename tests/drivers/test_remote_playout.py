@@ -349,11 +349,11 @@ def test_the_reader_wakes_when_motion_is_due_and_tells_of_it(monkeypatch):
     device._core = bench.core
     due_s = bench.core.due_s
     assert device._wait_s() == pytest.approx(due_s - bench.now_s)
-    told = device._notified
+    reported = device._notified
     device._attend()
-    assert device._notified == told
+    assert device._notified == reported
     bench.now_s = due_s
     assert device._wait_s() == 0.0
     device._attend()
-    assert device._notified == told + 1
+    assert device._notified == reported + 1
     assert device._wait_s() > 0.0

@@ -113,7 +113,7 @@ def test_names_with_a_prefix():
         (received(joint_states(NAMES, HOME))._replace(attachment=None), "without the attachment"),
     ],
 )
-def test_what_is_no_state_of_the_arm_is_told(data, reason):
+def test_what_is_no_state_of_the_arm_is_reported(data, reason):
     ours = session()
     assert ours.receive(data, 0.0) is None
     assert ours.link(0.0) is RobotLink.WAITING
@@ -217,13 +217,13 @@ def sent_by_two(ours, until_s=3.0, begins_s=1.0, hz=10.0, **other):
     that is ready."""
     decode = codec_of(COMMAND_TYPES["position"]).decode
     other = {"positions": (0.0,) * 6, "sender": 2} | other
-    found, told = [], 0
+    found, reported = [], 0
     for n in range(1, round(until_s * 100.0)):
         now_s = 0.01 * n
         came = [message(sequence=n, stamp_s=5.0 + now_s)]
-        if now_s >= begins_s + told / hz:
-            told += 1
-            came.append(message(sequence=told, stamp_s=5.0 + now_s, **other))
+        if now_s >= begins_s + reported / hz:
+            reported += 1
+            came.append(message(sequence=reported, stamp_s=5.0 + now_s, **other))
         for data in came:
             state = ours.receive(data, now_s)
             sent = None
@@ -337,7 +337,7 @@ def test_the_simulated_second_publisher_moves_no_arm():
 # -- jumps ------------------------------------------------------------------------------------
 
 
-def test_a_state_out_of_the_arms_reach_is_told_and_not_commanded_from():
+def test_a_state_out_of_the_arms_reach_is_reported_and_not_commanded_from():
     ours = session()
     for n in range(1, 100):
         ours.receive(message(sequence=n, stamp_s=5.0 + 0.01 * n), 0.01 * n)
@@ -402,7 +402,7 @@ def test_a_continuous_joint_that_is_counted_anew_has_not_jumped():
     assert "joint one is measured at 0.9" in state.hold_reason
 
 
-def test_silence_is_told_in_words():
+def test_silence_is_reported_in_words():
     ours = session(silence_s=0.1)
     assert ours.diagnosis(0.0)[0].startswith("nothing was heard of the robot's joint state pub")
     ours.receive(message(), 0.0)
@@ -411,7 +411,7 @@ def test_silence_is_told_in_words():
     assert ours.silence(0.2).hold_reason
 
 
-def test_a_controller_that_is_not_there_is_told():
+def test_a_controller_that_is_not_there_is_reported():
     ours = session()
     ours.taken = lambda: False
     state = ours.receive(message(), 0.0)
@@ -619,7 +619,7 @@ def test_states_at_four_times_their_rate_advance_the_command_no_faster(stamped):
     assert passed_s == pytest.approx(now_s, abs=0.01)
 
 
-def test_a_simulation_at_half_speed_is_ready_with_the_option_and_told_of_it_without():
+def test_a_simulation_at_half_speed_is_ready_with_the_option_and_reported_it_without():
     for simulated in (False, True):
         ours = session(rate_hz=100.0, simulated_time=simulated)
         for n in range(1, 300):

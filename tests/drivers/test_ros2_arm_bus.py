@@ -64,7 +64,7 @@ def test_limits_come_from_the_description(meeting):
             Ros2Arm(**meeting, robot="", joints=("one",)).open()
 
 
-def test_a_controller_of_another_name_is_told(meeting):
+def test_a_controller_of_another_name_is_reported(meeting):
     peer = RosArmPeer(RosArmOptions(**meeting))
     with peer, Ros2Arm(**meeting, command_topic="/other/commands") as robot:
         for state in cycles(robot):
@@ -122,7 +122,7 @@ def test_a_node_that_is_started_anew_is_a_new_session(meeting):
     assert RobotLink.LOST in links
 
 
-def test_nobody_on_dds_is_told_with_advice():
+def test_nobody_on_dds_is_reported_with_advice():
     pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
     with Ros2Arm(transport="dds", domain=OPTIONS.dds_domain, states_topic="/nothing") as robot:
         for _ in cycles(robot):

@@ -118,7 +118,7 @@ def test_a_node_that_hangs_is_stale_and_counts_again_from_rest():
         (received(joy([0.5] * 6), 999)._replace(attachment=None), "without the attachment"),
     ],
 )
-def test_what_means_nothing_is_told_and_moves_nothing(message, words):
+def test_what_means_nothing_is_reported_and_moves_nothing(message, words):
     bench = Bench()
     bench.touch()
     bench.sequence = 0

@@ -96,7 +96,7 @@ def test_every_kind_of_command_moves_it():
         )
 
 
-def test_ideal_drives_are_where_they_were_told_to_be_at_the_next_state():
+def test_ideal_drives_are_where_they_were_asked_to_be_at_the_next_state():
     target = tuple(q + 0.05 for q in START)
     with arm(drive="ideal") as robot:
         states = drive(robot, 2, lambda _: JointCommand(target, (0.1,) * 6))
@@ -280,8 +280,8 @@ def test_the_page_tells_every_option_and_fault():
     assert {name: cells[0] for name, cells in table.items() if name in defaults} == defaults
     page = section(text("simulated-peers.md"), "The arm: `cardan sim arm`")
     switches = {switch.name: f"{switch.default:g}" for switch in FAULTS}
-    told = rows(section(page, "Its faults"))
-    assert {name: cells[0] for name, cells in told.items()} == switches
+    reported = rows(section(page, "Its faults"))
+    assert {name: cells[0] for name, cells in reported.items()} == switches
 
 
 # -- the session --------------------------------------------------------------------------------
@@ -410,8 +410,8 @@ class Line:
         pass
 
 
-@pytest.mark.parametrize(("silence_s", "told"), [(0.45, 1), (0.55, 0)])
-def test_an_arm_that_fell_silent_long_ago_is_told_nothing(monkeypatch, silence_s, told):
+@pytest.mark.parametrize(("silence_s", "reported"), [(0.45, 1), (0.55, 0)])
+def test_an_arm_that_fell_silent_long_ago_is_sent_nothing(monkeypatch, silence_s, reported):
     line = Line(silence_s)
     monkeypatch.setattr(SimArm, "_join", lambda _: line)
     with SimArm(SimArmOptions(robot=ROBOT)) as robot:
@@ -421,7 +421,7 @@ def test_an_arm_that_fell_silent_long_ago_is_told_nothing(monkeypatch, silence_s
         assert next(states).link is RobotLink.LOST
         line.said.clear()
         states.close()
-        assert line.said == [ControlMode.HOLD] * told
+        assert line.said == [ControlMode.HOLD] * reported
 
 
 # -- over UDP -----------------------------------------------------------------------------------

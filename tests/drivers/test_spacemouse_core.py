@@ -546,7 +546,7 @@ def test_battery():
 OFF = (25, 0, -24, 0, 0, 0)
 
 
-def test_drift_is_told_from_a_hand(device):
+def test_drift_is_distinguished_from_a_hand(device):
     device.motion(OFF, 350)
     assert any("rests off zero" in words for words in device.core.diagnosis(device.now_s))
     device.motion((0, 60, 0, 0, 0, 0), 20)

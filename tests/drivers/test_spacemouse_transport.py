@@ -381,7 +381,7 @@ def test_a_receiver_that_is_unplugged_before_it_speaks(usb, open_mouse):
     until(lambda: mouse.state().link is DeviceLink.LOST)
 
 
-def test_two_pucks_on_one_receiver_are_told_apart_by_slot(usb, open_mouse):
+def test_two_pucks_on_one_receiver_are_distinguished_by_slot(usb, open_mouse):
     slots = usb(
         *(
             FakePuck("universal-receiver", path=f"/dev/hidraw{n}".encode(), interface=n)
@@ -404,7 +404,7 @@ def test_two_pucks_on_one_receiver_are_told_apart_by_slot(usb, open_mouse):
         SpaceMouse(SpaceMouseOptions(slot="4", path="/dev/hidraw1")).open()
 
 
-def test_two_of_a_kind_are_told_apart_by_port(usb, open_mouse, monkeypatch):
+def test_two_of_a_kind_are_distinguished_by_port(usb, open_mouse, monkeypatch):
     one, two = usb(
         FakePuck("spacenavigator", path=b"/dev/hidraw0"),
         FakePuck("spacenavigator", path=b"/dev/hidraw1"),
@@ -778,7 +778,7 @@ def test_no_obstacle(tmp_path):
     assert access.obstacle("DevSrvsID:4294969", root=tmp_path) == ""
 
 
-def test_permission_is_told_from_a_busy_device(usb, monkeypatch):
+def test_permission_is_distinguished_from_a_busy_device(usb, monkeypatch):
     puck = usb(FakePuck("spacenavigator", path=b"/dev/hidraw3"))
     puck.refuses = True
 

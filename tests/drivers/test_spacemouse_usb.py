@@ -315,7 +315,7 @@ def test_a_receiver_has_slots(plug):
         mouse(slot="3").open()
 
 
-def test_two_of_a_kind_are_told_apart_by_port_or_serial(plug):
+def test_two_of_a_kind_are_distinguished_by_port_or_serial(plug):
     plug(one := Puck("spacenavigator"), two := Puck("spacenavigator", ports=(3, 1), serial="7"))
     found = UsbTransport().find()
     assert [(d.path, d.port, d.serial) for d in found] == [

@@ -302,13 +302,13 @@ def test_find(path, monkeypatch):
         (found,) = Spnav.find()
         assert (found.transport, found.path, found.obstacle) == ("spnav", str(path), "")
         assert found.name == "spacenavd"
-    for device_type, told in (
+    for device_type, reported in (
         (0x20F, "spacenavd (SpaceMouse Compact)"),
         (0x103, "spacenavd (Magellan SpaceMouse: better read without it, as spacemouse)"),
     ):
         with in_a_thread(Hand(path, identity=DeviceIdentity(device_type=device_type))):
             (found,) = Spnav.find()
-            assert (found.name, found.obstacle) == (told, "")
+            assert (found.name, found.obstacle) == (reported, "")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
         dead.bind(str(path))
     (found,) = Spnav.find()
@@ -342,24 +342,26 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
         assert driver.metrics()["full_scale"] == 400.0
         assert driver.capabilities.feedback == {"led"}
         assert len(driver.capabilities.buttons) >= 9
-        told = Told(old_client)
+        reported = OldClient(old_client)
         hand.do("set_axes", push(2, 0.2))
-        told.until(lambda state: told.core.metrics(told.now_s)["motion_age_s"] < math.inf)
+        reported.until(
+            lambda state: reported.core.metrics(reported.now_s)["motion_age_s"] < math.inf
+        )
         hand.do("set_axes", REST)
-        told.until(live)
+        reported.until(live)
         until(driver, live)
-        first_live = len(told.states)
+        first_live = len(reported.states)
         hand.do("press", FIRST_KEY)
         until(driver, lambda state: state.buttons)
         for axis in range(6):
             hand.do("set_axes", push(axis, 0.9))
-            told.until(lambda state, axis=axis: state.axes[axis] > 0.6)
+            reported.until(lambda state, axis=axis: state.axes[axis] > 0.6)
         hand.do("set_axes", REST)
-        told.until(lambda state: state.axes == REST)
+        reported.until(lambda state: state.axes == REST)
         hand.do("release", FIRST_KEY)
-        told.until(lambda state: not state.buttons)
+        reported.until(lambda state: not state.buttons)
         hand.do("set_axes", push(0, 0.9))
-        told.until(lambda state: state.axes[0] > 0.6)
+        reported.until(lambda state: state.axes[0] > 0.6)
         hand.do("unplug")
         # This daemon says nothing when a serial device is unplugged.
         state = until(driver, lambda state: state.link is DeviceLink.STALE)
@@ -374,14 +376,14 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
         assert [event[1:] for event in edges] == [("button-0", True), ("button-0", False)]
         assert driver.metrics()["malformed_records"] == 0
         assert driver.metrics()["unasked_replies"] == 0
-    assert all(map(live, told.states[first_live:]))
+    assert all(map(live, reported.states[first_live:]))
     for axis in range(6):
-        peak = max(told.states, key=lambda state, axis=axis: state.axes[axis])
+        peak = max(reported.states, key=lambda state, axis=axis: state.axes[axis])
         assert peak.axes[axis] > 0.6
         assert max(abs(value) for i, value in enumerate(peak.axes) if i != axis) < 0.4
-        assert min(state.axes[axis] for state in told.states) > -0.1
-    assert told.core.metrics(told.now_s)["malformed_records"] == 0
-    assert told.core.state(told.now_s + 0.101).axes == REST
+        assert min(state.axes[axis] for state in reported.states) > -0.1
+    assert reported.core.metrics(reported.now_s)["malformed_records"] == 0
+    assert reported.core.state(reported.now_s + 0.101).axes == REST
 
 
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
@@ -391,9 +393,11 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
     hand = PuckMotion()
     daemon = spacenavd(tmp_path, "", motion=hand, settings=settings, jitter_lsb=0)
     with daemon as (path, old_client), opened(path) as driver:
-        told = Told(old_client)
+        reported = OldClient(old_client)
         hand.do("set_axes", push(2, 0.2))
-        told.until(lambda state: told.core.metrics(told.now_s)["motion_age_s"] < math.inf)
+        reported.until(
+            lambda state: reported.core.metrics(reported.now_s)["motion_age_s"] < math.inf
+        )
         hand.do("set_axes", REST)
         until(driver, live)
         hand.do("press", FIRST_KEY)
@@ -465,7 +469,7 @@ def push(axis, deflection):
     return tuple(deflection if i == axis else 0.0 for i in range(6))
 
 
-class Told:
+class OldClient:
     """Data from the daemon to a client of version 0, one record each 16 ms of virtual time."""
 
     def __init__(self, client):
@@ -501,7 +505,7 @@ def keys_of(model):
     return [key for key in serial_model_by_key(model).buttons.values() if key not in UNTOLD]
 
 
-def told_presses(folder, model):
+def reported_presses(folder, model):
     """The buttons that the driver has of a hand that presses all keys of a serial device."""
     folder.mkdir()
     hand, edges = PuckMotion(), []
@@ -510,11 +514,11 @@ def told_presses(folder, model):
             for act in ("press", "release"):
                 hand.do(act, key)
                 count = len(edges) + 1
-                until(driver, lambda _, wanted=count: told(driver, edges) == wanted)
+                until(driver, lambda _, wanted=count: reported(driver, edges) == wanted)
     return [event.button for event in edges if event.pressed]
 
 
-def told(driver, edges):
+def reported(driver, edges):
     """How many edges the driver has told of, those of now among them."""
     edges.extend(driver.button_events())
     return len(edges)
@@ -525,9 +529,9 @@ def test_spacenavd_numbers_the_keys_of_serial_devices_as_our_server_does():
     models = ("magellan", "spaceball-2003", "spaceball-3003", "spaceball-4000")
     # A socket's path has room for 107 bytes.
     with tempfile.TemporaryDirectory(prefix="cardan-") as name, ThreadPoolExecutor(4) as pool:
-        told = pool.map(lambda model: told_presses(Path(name) / model, model), models)
-        told = dict(zip(models, told, strict=True))
+        reported = pool.map(lambda model: reported_presses(Path(name) / model, model), models)
+        reported = dict(zip(models, reported, strict=True))
     for model in models:
         mouse = SpaceMouseSerial(model=model)
         served = identity_of(mouse).button_numbers
-        assert told[model] == [f"button-{served[key]}" for key in keys_of(model)]
+        assert reported[model] == [f"button-{served[key]}" for key in keys_of(model)]

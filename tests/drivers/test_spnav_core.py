@@ -266,7 +266,7 @@ def test_the_end_is_neutral_at_once(kind):
     assert [event.pressed for event in daemon.core.events()] == [True, False]
 
 
-def test_unplugging_is_told_and_neutral_at_once():
+def test_unplugging_is_reported_and_neutral_at_once():
     daemon = Daemon()
     daemon.arm()
     daemon.send(encode_button(0, True))
@@ -365,7 +365,7 @@ def test_garbled_records_change_nothing_and_do_not_keep_it_alive(garbage):
     assert "20 records" in " ".join(daemon.core.diagnosis(daemon.now_s))
 
 
-def test_a_stream_out_of_step_is_told_from_a_few_bad_records():
+def test_a_stream_out_of_step_is_distinguished_from_a_few_bad_records():
     daemon = Daemon()
     daemon.send(b"\xff" * RECORD_BYTES * (OUT_OF_STEP - 1))
     daemon.motion(REST)
@@ -565,7 +565,7 @@ def test_motions_that_were_held_up_are_not_taken_for_repeats(held_up_s):
 @pytest.mark.parametrize(
     ("device_type", "name"), [(0x103, "Magellan SpaceMouse"), (0x102, "Spaceball 4000 FLX")]
 )
-def test_a_serial_device_behind_the_daemon_is_told_with_the_way_out(device_type, name):
+def test_a_serial_device_behind_the_daemon_is_reported_with_the_way_out(device_type, name):
     daemon = Daemon(usb_id=None)
     daemon.device_type = device_type
     daemon.reopen()
@@ -580,7 +580,7 @@ def test_a_serial_device_behind_the_daemon_is_told_with_the_way_out(device_type,
     assert "steady" in daemon.state.reason
 
 
-def test_a_usb_device_is_not_told_to_be_read_at_a_serial_port():
+def test_a_usb_device_is_not_asked_to_be_read_at_a_serial_port():
     daemon = Daemon()
     assert "serial" not in " ".join(daemon.core.diagnosis(daemon.now_s))
     assert daemon.core.device_name == "SpaceNavigator"

@@ -110,14 +110,14 @@ def test_read_is_woken_by_a_new_state(hand):
     assert state().axes.x == 0.5
 
 
-def test_read_waits_no_longer_than_it_is_told(hand):
+def test_read_waits_no_longer_than_it_is_reported(hand):
     hand.read()
     begin_s = time.monotonic()
     assert hand.read(0.02) is None
     assert 0.02 <= time.monotonic() - begin_s < PATIENCE_S
 
 
-def test_being_told_of_nothing_new_is_no_state(hand):
+def test_being_reported_nothing_new_is_no_state(hand):
     hand.read()
     state = meanwhile(hand.read)
     waits(hand)
@@ -251,17 +251,17 @@ def test_a_callback_may_end_its_own_calls(hand):
     assert hand.read(0.0).axes.x == 1.0
 
 
-def test_an_exception_ends_the_calls_and_is_told_and_the_device_goes_on(hand, monkeypatch):
-    told = threading.Event()
+def test_an_exception_ends_the_calls_and_is_reported_and_the_device_goes_on(hand, monkeypatch):
+    reported = threading.Event()
     errors = []
 
     def hook(args):
         errors.append((str(args.exc_value), args.thread.name))
-        told.set()
+        reported.set()
 
     monkeypatch.setattr(threading, "excepthook", hook)
     hand.on_state(lambda state: 1 / 0)
-    assert told.wait(PATIENCE_S)
+    assert reported.wait(PATIENCE_S)
     assert errors == [("division by zero", "cardan-hand-callback")]
     hand.move(1.0)
     assert hand.read(0.0).axes.x == 1.0

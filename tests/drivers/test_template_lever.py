@@ -47,7 +47,7 @@ def test_lines_are_read_however_they_are_cut(module):
     "words",
     [b"", b"L", b"L 0.120 -0.030 0.000", b"L 1.001 0.000 0.000 0", b"L 0 0 0 0", b"\xff" * 9],
 )
-def test_a_line_that_is_none_is_told(module, words):
+def test_a_line_that_is_none_is_reported(module, words):
     reader = module("protocol").LineReader()
     assert list(reader.feed(b"\n" + words + b"\n")) == [None]
 
@@ -84,7 +84,7 @@ def test_a_silence_that_nobody_looked_at_counts_too(core):
     assert core.state(2.0).link is DeviceLink.NEEDS_NEUTRAL
 
 
-def test_a_port_at_which_nothing_speaks_is_told(core):
+def test_a_port_at_which_nothing_speaks_is_reported(core):
     core.on_opened(1.0)
     core.on_bytes(b"\nnonsense\n", 1.1)
     assert core.state(1.2).link is DeviceLink.STALE

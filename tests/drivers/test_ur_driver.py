@@ -82,10 +82,10 @@ class LyingProxy:
         self._process.join()
 
 
-def _pass_on(port, clock, lies, told):
+def _pass_on(port, clock, lies, reported):
     jump_s, share = clock
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        told.send(listener.getsockname()[1])
+        reported.send(listener.getsockname()[1])
         while True:
             client, _ = listener.accept()
             server = socket.create_connection(("127.0.0.1", port))

@@ -382,7 +382,7 @@ def test_a_dead_computer_is_noticed_by_the_program():
     assert np.abs(np.diff(speeds(bench, from_s))).max() / bench.controller.period_s <= STOP * 1.05
 
 
-def test_a_computer_that_comes_back_too_late_is_told():
+def test_a_computer_that_comes_back_too_late_is_reported():
     bench = turning()
     bench.stall(0.5)
     at = place(bench)
@@ -663,7 +663,7 @@ def test_an_arm_of_another_generation_is_said(robot, peer, words):
     assert [words in each for each in said] == [True] * bool(words)
 
 
-def test_an_arm_of_another_size_is_said_once_the_controller_has_told():
+def test_an_arm_of_another_size_is_said_once_the_controller_has_reported():
     bench = SessionBench()
     received = bench.session.received
     bench.session.received = lambda channel, data, now_s: received(
@@ -748,7 +748,7 @@ def test_a_wrong_clock_is_said_and_is_not_enabled_with():
 
 
 @pytest.mark.parametrize("simulated", [False, True])
-def test_a_simulation_at_half_speed_moves_with_the_option_and_is_told_of_it_without(simulated):
+def test_a_simulation_at_half_speed_moves_with_the_option_and_is_reported_it_without(simulated):
     bench = turning(driver={"simulated_time": simulated})
     value = bench.servers.telemetry.value
     began_s = bench.now_s

@@ -29,8 +29,8 @@ pytestmark = pytest.mark.timeout(600)
 def test_reload(lab, hardware):
     write_layout(hardware, 0.05)
     lab.systemctl("reload", NAME)
-    told = wait(lambda: journal(NAME, "CARDAN_EVENT=reload"))
-    assert "gofa mapping" in told[-1]["CARDAN_WHAT"]
+    reported = wait(lambda: journal(NAME, "CARDAN_EVENT=reload"))
+    assert "gofa mapping" in reported[-1]["CARDAN_WHAT"]
     wait(lambda: lab.shows("SubState") == "running")
     pid = lab.pid
     Path(hardware).write_text("[[sessions]]\nname = 1\n")

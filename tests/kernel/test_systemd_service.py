@@ -48,8 +48,8 @@ def test_the_journal_has_its_fields(lab):
 
 def test_how_much_is_exposed(lab, capsys):
     """systemd's own measure, 0 to 10, of what the service may do beyond what it needs."""
-    told = run("systemd-analyze", "security", "--no-pager", NAME)
-    (score,) = re.findall(r"Overall exposure level for \S+: ([0-9.]+)", told)
+    reported = run("systemd-analyze", "security", "--no-pager", NAME)
+    (score,) = re.findall(r"Overall exposure level for \S+: ([0-9.]+)", reported)
     with capsys.disabled():
         print(f"\nsystemd-analyze security {NAME}: {score}")
     assert float(score) < 5.0

@@ -111,7 +111,7 @@ def each_has_its_own(drivers: dict[str, SpaceMouse], mice: dict[str, Mouse]) -> 
 @pytest.mark.judged(
     device="SpaceMouse", transport="hidraw, two by serial", by="Linux kernel 6.1: uhid, uevents"
 )
-def test_two_of_a_model_are_told_apart_by_serial_and_found_within_a_second(mice):
+def test_two_of_a_model_are_distinguished_by_serial_and_found_within_a_second(mice):
     devices = read_toml(EXAMPLE)["devices"]
     serials = {name: devices[name]["serial"] for name in NAMES}
     waiting = {name: {"serial": serials[name], "wait_for_device": True} for name in NAMES}
@@ -135,7 +135,7 @@ def test_two_of_a_model_are_told_apart_by_serial_and_found_within_a_second(mice)
 @pytest.mark.judged(
     device="SpaceMouse", transport="hidraw, two by path", by="Linux kernel 6.1: uhid, hidraw"
 )
-def test_two_of_a_model_without_a_serial_are_told_apart_by_path(mice):
+def test_two_of_a_model_without_a_serial_are_distinguished_by_path(mice):
     paths: dict[str, str] = {}
     for count, (name, mouse) in enumerate(mice.items(), 1):
         mouse.plug("")

@@ -49,7 +49,7 @@ EVENTS = {
 }
 """Of lerobot.teleoperators.utils.TeleopEvents."""
 
-TOLD_EVENTS = ("IS_INTERVENTION", "TERMINATE_EPISODE", "SUCCESS", "RERECORD_EPISODE")
+REPORTED_EVENTS = ("IS_INTERVENTION", "TERMINATE_EPISODE", "SUCCESS", "RERECORD_EPISODE")
 """That get_teleop_events() tells."""
 
 ERRORS = ("DeviceNotConnectedError", "DeviceAlreadyConnectedError")

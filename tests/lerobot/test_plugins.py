@@ -180,7 +180,7 @@ def test_they_are_registered_and_found_by_lerobots_rule(plugins, part, config, k
     assert found(driver="spacemouse", session="").type == "cardan"
 
 
-def test_a_wrong_configuration_is_told_when_it_is_made(plugins):
+def test_a_wrong_configuration_is_reported_when_it_is_made(plugins):
     where = {"calibration_dir": plugins.lerobot.calibration}
     for module, config in (
         (plugins.teleoperator, plugins.teleoperator.CardanTeleopConfig(**where)),
@@ -256,7 +256,7 @@ def test_the_hand_asks(teleop):
 
 def test_events(teleop, plugins):
     events = plugins.lerobot.events
-    nothing = {events[name]: False for name in interface.TOLD_EVENTS}
+    nothing = {events[name]: False for name in interface.REPORTED_EVENTS}
     assert teleop.get_teleop_events() == nothing
     teleop.connect()
     assert teleop.get_teleop_events() == nothing
@@ -264,14 +264,14 @@ def test_events(teleop, plugins):
     hand.held = frozenset({"left"})
     assert teleop.get_teleop_events() == {**nothing, events.IS_INTERVENTION: True}
     hand.held = frozenset()
-    for button, told in (
+    for button, reported in (
         ("a", {events.SUCCESS}),
         ("b", set()),
         ("c", {events.RERECORD_EPISODE}),
     ):
         hand.press(button)
         teleop.get_action()
-        ended = dict.fromkeys({*told, events.TERMINATE_EPISODE}, True)
+        ended = dict.fromkeys({*reported, events.TERMINATE_EPISODE}, True)
         assert teleop.get_teleop_events() == {**nothing, **ended}
         assert teleop.get_teleop_events() == nothing
 

@@ -192,10 +192,10 @@ class Processes:
                 del self._running[pid]
                 code = os.waitstatus_to_exitcode(status) if ended else 0
                 text = folder / "told"
-                told = text.read_text() if text.exists() else ""
+                reported = text.read_text() if text.exists() else ""
                 shutil.rmtree(folder, ignore_errors=True)
                 known = {0: SURVIVED, 3: UNSUITED}
-                done(known.get(code, KILLED) if ended else ENDLESS, told)
+                done(known.get(code, KILLED) if ended else ENDLESS, reported)
                 return
             time.sleep(0.005)
 
@@ -251,7 +251,7 @@ class Runs:
                     processes.start(
                         lambda m=mutant, c=chosen: self._try(session, m, c),
                         SLACK_S + SLACK * sum(self.took_s[each] for each in chosen),
-                        lambda outcome, told, m=mutant: self._note(m, outcome, told),
+                        lambda outcome, reported, m=mutant: self._note(m, outcome, reported),
                     )
                 else:
                     self.results[mutant] = UNSUITED, ""
@@ -273,24 +273,24 @@ class Runs:
         # Neighbors share what is made once for a module.
         files = sorted({str(item.path) for item in self.items})
         mine = set(files[part :: self.number])
-        told = []
+        reported = []
         began_s = time.monotonic()
         wanted = [n for n, item in enumerate(self.items) if str(item.path) in mine]
         for number in self._run(session, wanted):
             now_s = time.monotonic()
             if not session.testsfailed:
-                told.append((number, now_s - began_s, sorted(hits.copy())))
+                reported.append((number, now_s - began_s, sorted(hits.copy())))
             else:
-                told.append((number, -1.0, []))
+                reported.append((number, -1.0, []))
             began_s, session.testsfailed = now_s, 0
             hits.clear()
-        tell(json.dumps(told))
+        tell(json.dumps(reported))
         return 0
 
-    def _counted(self, outcome: str, told: str) -> None:
-        if outcome != SURVIVED or not told:
+    def _counted(self, outcome: str, reported: str) -> None:
+        if outcome != SURVIVED or not reported:
             raise RuntimeError(f"the run without mutants did not end well: {outcome}")
-        for number, took_s, hits in json.loads(told):
+        for number, took_s, hits in json.loads(reported):
             if took_s < 0:
                 say(f"left out, as it fails when it is counted: {self.items[number].nodeid}")
                 self.bad.append(self.items[number].nodeid)
@@ -324,8 +324,8 @@ class Runs:
                 return 1
         return 0
 
-    def _note(self, mutant: Mutant, outcome: str, told: str) -> None:
-        self.results[mutant] = outcome, told
+    def _note(self, mutant: Mutant, outcome: str, reported: str) -> None:
+        self.results[mutant] = outcome, reported
         if outcome == SURVIVED:
             say(f"survived: {mutant.path}:{mutant.line} {mutant.function}: {mutant.change}")
 
@@ -403,8 +403,8 @@ def try_anew(
         if outcome != SURVIVED:
             raise SystemExit(f"the tests of {path} fail without a mutant")
 
-    def note(mutant: Mutant, outcome: str, told: str) -> None:
-        results[mutant] = outcome, told
+    def note(mutant: Mutant, outcome: str, reported: str) -> None:
+        results[mutant] = outcome, reported
         if outcome == SURVIVED:
             say(f"survived: {mutant.path}:{mutant.line} {mutant.function}: {mutant.change}")
 
@@ -494,8 +494,8 @@ def main() -> int:
     if asked.sample is not None and asked.sample < there:
         mutants = sorted(random.Random(asked.seed).sample(mutants, asked.sample))
     if asked.survivors is not None:
-        told = json.loads(asked.survivors.read_text())
-        alive = {(each["path"], each["change"]) for each in told if each["outcome"] == SURVIVED}
+        reported = json.loads(asked.survivors.read_text())
+        alive = {(each["path"], each["change"]) for each in reported if each["outcome"] == SURVIVED}
         mutants = [each for each in mutants if (each.path, each.change) in alive]
     say(f"{len(mutants)} of {there} mutants of {len(paths)} files")
     if asked.list:
@@ -537,8 +537,8 @@ def carry_out(
         os.waitpid(pid, 0)
         if not done.exists():
             raise SystemExit("the tests could not be read or run")
-        told, seconds, bad = json.loads(done.read_text())
-        results = {Mutant(*each): (outcome, by) for each, outcome, by in told}
+        reported, seconds, bad = json.loads(done.read_text())
+        results = {Mutant(*each): (outcome, by) for each, outcome, by in reported}
         later = [each for each in mutants if results[each][0] == UNSUITED]
         say(f"{len(later)} act when their module is imported: their tests are read anew")
         processes = Processes(jobs, scratch / "anew")

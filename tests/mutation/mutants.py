@@ -200,7 +200,7 @@ def instrumented(path: str) -> ast.Module:
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     index = {id(node): number for number, node in enumerate(ast.walk(tree))}
 
-    def told(statements: list[ast.stmt], documented: bool) -> list[ast.stmt]:
+    def reported(statements: list[ast.stmt], documented: bool) -> list[ast.stmt]:
         new: list[ast.stmt] = []
         for number, each in enumerate(statements):
             is_words = isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant)
@@ -218,7 +218,7 @@ def instrumented(path: str) -> ast.Module:
         if within:
             for field, value in ast.iter_fields(node):
                 if isinstance(value, list) and value and isinstance(value[0], ast.stmt):
-                    setattr(node, field, told(value, isinstance(node, FUNCTIONS)))
+                    setattr(node, field, reported(value, isinstance(node, FUNCTIONS)))
 
     visit(tree, False)
     return ast.fix_missing_locations(tree)

@@ -436,7 +436,7 @@ class Lab:
         self.daemon: Child | None = None
         self.options: dict[str, Any] = {}
         """Of the daemon's process."""
-        self.told: list[dict[str, Any]] = []
+        self.reported: list[dict[str, Any]] = []
         """Events that the daemon has told of, of all its lives."""
         self.log_of_events = self.folder / "events"
         self.hit_s = NEVER_S
@@ -539,7 +539,7 @@ class Lab:
         """Keep the daemon's messages about its events."""
         with contextlib.suppress(CardanError, OSError), ControlClient(self.socket, None) as client:
             for event in client.events("events", "", True):
-                self.told.append(event)
+                self.reported.append(event)
 
     def revive(self) -> list[str]:
         """Start the programs that do not run; return their names."""
@@ -620,9 +620,9 @@ class Lab:
     def lost_events(self, since_s: float) -> list[dict[str, Any]]:
         """Events since then that the daemon has told of and that are not in its log."""
         # In this order: it tells of more meanwhile.
-        told = [event for event in self.told if event["time_s"] >= since_s]
+        reported = [event for event in self.reported if event["time_s"] >= since_s]
         kept = list(read_events(self.log_of_events))
-        return [event for event in told if event not in kept]
+        return [event for event in reported if event not in kept]
 
     def records(self) -> list[str]:
         """List the errors in the record of a run with a fault: it must be readable, and lack no

@@ -177,7 +177,7 @@ class Series:
             motion.peak_m_s, motion.again, said, back_s, moves_s, started, lost,
             judged(case, motion, lost, problems),
         )  # fmt: skip
-        lab.told.clear()
+        lab.reported.clear()
         if moves_s is None:
             self.close()
         return row
@@ -208,7 +208,7 @@ class Series:
 
 
 def run(
-    cases: Sequence[Case], labs: int, told: Callable[[Row], None] = lambda _row: None
+    cases: Sequence[Case], labs: int, reported: Callable[[Row], None] = lambda _row: None
 ) -> list[Row]:
     """All cases, in their order; those of different pairs side by side in so many laboratories, and
     those that take a minute side by side with each other."""
@@ -239,7 +239,7 @@ def run(
                         )  # fmt: skip
                         one.close()
                     rows[case.key] = row
-                    told(row)
+                    reported(row)
             finally:
                 one.close()
 
@@ -332,7 +332,7 @@ def measured(cases: Sequence[Case], labs: int, file: Path | None) -> dict[str, A
         known = {row["key"]: row for row in found["rows"]}
     lock = threading.Lock()
 
-    def told(row: Row) -> None:
+    def reported(row: Row) -> None:
         mark = f"  <-- {'; '.join(row.wrong)}" if row.wrong else ""
         print(f"{row.key}: {_cell(row)} | {row.said} | {_after(row)}{mark}", flush=True)
         with lock:
@@ -344,7 +344,7 @@ def measured(cases: Sequence[Case], labs: int, file: Path | None) -> dict[str, A
             if file is not None:
                 file.write_text(json.dumps(found, indent=1) + "\n")
 
-    run(cases, labs, told)
+    run(cases, labs, reported)
     return found
 
 

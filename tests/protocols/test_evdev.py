@@ -139,7 +139,7 @@ def test_calls_come_back_and_are_never_taken_for_events(number, result, data):
     assert requests.decode_call(packet) == call
 
 
-def test_an_upload_of_another_effect_is_told_apart():
+def test_an_upload_of_another_effect_is_distinguished():
     argument = bytearray(uinput.begin_upload(7))
     argument[8:56] = requests.encode_rumble(requests.Rumble(3, 1, 2, 100))
     assert uinput.decode_upload(bytes(argument)) == (7, requests.Rumble(3, 1, 2, 100))

@@ -98,7 +98,7 @@ def test_canceling_one_and_those_before(goals):
     assert {goal.id for goal in going} == {A, C}
 
 
-def test_what_cannot_be_canceled_is_told(goals):
+def test_what_cannot_be_canceled_is_reported(goals):
     assert goals.cancel(request(A))[0]["return_code"] == CancelCode.UNKNOWN_GOAL_ID
     goal = goals.accept(A, 0, 0.0)
     goals.finish(goal, GoalStatus.SUCCEEDED, RESULT, 0.0)

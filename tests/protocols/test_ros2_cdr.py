@@ -252,7 +252,7 @@ def test_counts_that_the_bytes_cannot_hold_take_no_memory(count):
         assert isinstance(codec_of(name).decode(head), MalformedCdr)
 
 
-def test_what_follows_a_message_is_told():
+def test_what_follows_a_message_is_reported():
     data = codec_of(POSE).encode(default_message(POSE))
     assert "too many" in codec_of(POSE).decode(data + b"\1").reason
 
@@ -266,7 +266,7 @@ def test_a_text_with_nul_in_it_is_none():
     assert codec.decode(head + b"jo\0\0\0\0") == {"data": "jo"}
 
 
-def test_other_encodings_are_told():
+def test_other_encodings_are_reported():
     body = bytes(56)
     for head in (b"\0\2\0\0", b"\0\6\0\0", b"", b"\0", b"\0\1"):
         assert isinstance(codec_of("geometry_msgs/msg/Pose").decode(head + body[:0]), MalformedCdr)

@@ -76,17 +76,17 @@ def test_rosbags_computes_of_the_file_the_hash_that_is_on_the_wire(store, name):
 
 
 def test_the_command_writes_them_and_says_where(tmp_path):
-    told = CliRunner().invoke(app, ["net", "messages", str(tmp_path / "src")])
-    assert told.exit_code == 0, told.output
-    assert told.output.split() == [str(tmp_path / "src" / each) for each in PACKAGES]
+    reported = CliRunner().invoke(app, ["net", "messages", str(tmp_path / "src")])
+    assert reported.exit_code == 0, reported.output
+    assert reported.output.split() == [str(tmp_path / "src" / each) for each in PACKAGES]
 
 
 def test_nothing_is_written_over_nor_beside_what_is_there(tmp_path):
     there = tmp_path / PACKAGES[-1]
     there.mkdir()
-    told = CliRunner().invoke(app, ["net", "messages", str(tmp_path)])
-    assert told.exit_code != 0
-    assert f"{there} is there already and is not written over" in str(told.exception)
+    reported = CliRunner().invoke(app, ["net", "messages", str(tmp_path)])
+    assert reported.exit_code != 0
+    assert f"{there} is there already and is not written over" in str(reported.exception)
     assert list(tmp_path.rglob("*")) == [there]
 
 

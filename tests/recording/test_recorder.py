@@ -377,7 +377,7 @@ def test_no_message_ends_a_record(nobody_is_found, tmp_path):
     assert report.messages == len(STRANGE) == len(list(RecordReader(path)))
 
 
-def test_who_publishes_a_latched_topic_is_told_apart(tmp_path):
+def test_who_publishes_a_latched_topic_is_distinguished(tmp_path):
     path, key = tmp_path / "a.mcap", "0/tf_static/std_msgs::msg::dds_::String_/RIHS01_0"
     with Recorder(BusOptions(router=""), path) as recorder:
         heard = []

@@ -50,8 +50,8 @@ def test_a_file_that_was_cut_off_is_whole_again(file):
     report = repair(file, repaired_name(file))
     assert report.path == file.with_name("record-repaired.mcap")
     assert report.messages == 200
-    (told,) = report.problems
-    assert told.startswith("the file ends early: it was cut off while it was written (byte ")
+    (reported,) = report.problems
+    assert reported.startswith("the file ends early: it was cut off while it was written (byte ")
     assert report.lines()[-1] == f"{report.path}: 200 messages, with an index"
     reader = RecordReader(report.path)
     assert list(reader) == list(messages())[:200]
@@ -67,7 +67,7 @@ def test_a_file_that_was_cut_off_is_whole_again(file):
         assert [each.metadata for each in reader.iter_metadata()] == [{"cardan": "1"}]
 
 
-def test_what_is_damaged_is_left_out_and_told(file):
+def test_what_is_damaged_is_left_out_and_reported(file):
     data = file.read_bytes()
     _, second, _ = (at for at, opcode, _ in records_of(data) if opcode == CHUNK)
     file.write_bytes(flipped(data, second + 300))
@@ -77,7 +77,7 @@ def test_what_is_damaged_is_left_out_and_told(file):
     assert report.problems[0].startswith(f"the file is damaged at byte {second} a chunk is left")
 
 
-def test_a_damaged_attachment_is_left_out_and_told(file):
+def test_a_damaged_attachment_is_left_out_and_reported(file):
     data = file.read_bytes()
     file.write_bytes(flipped(data, data.index(b"configuration.json")))
     report = repair(file, repaired_name(file))

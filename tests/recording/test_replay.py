@@ -112,40 +112,40 @@ def due(tmp_path, times_s, longest_pause_s=60.0):
 
 
 def test_a_clock_that_was_set_back_is_not_waited_for(tmp_path):
-    times_s, told = due(tmp_path, [3600.0, 0.0])
+    times_s, reported = due(tmp_path, [3600.0, 0.0])
     assert times_s == [0.0, 0.0]
-    (words,) = told
+    (words,) = reported
     assert words.startswith("its time makes a step of -3600.0 s after 0.0 s, which was not waited")
 
 
 def test_what_follows_a_step_keeps_its_spacing(tmp_path):
-    times_s, told = due(tmp_path, [7200.0, 7200.5, 0.0, 0.5, 1.0])
+    times_s, reported = due(tmp_path, [7200.0, 7200.5, 0.0, 0.5, 1.0])
     assert times_s == pytest.approx([0.0, 0.5, 0.5, 1.0, 1.5])
-    assert len(told) == 1
+    assert len(reported) == 1
     (tmp_path / "r.mcap").unlink()
-    times_s, told = due(tmp_path, [0.0, 0.5, 7200.0, 7200.5])
+    times_s, reported = due(tmp_path, [0.0, 0.5, 7200.0, 7200.5])
     assert times_s == pytest.approx([0.0, 0.5, 0.5, 1.0])
-    assert "--longest-pause" in told[0]
+    assert "--longest-pause" in reported[0]
 
 
 def test_a_step_that_the_next_message_does_not_confirm_is_not_waited_for(tmp_path):
-    times_s, told = due(tmp_path, [0.0, 0.5, 20.0, 1.0])
+    times_s, reported = due(tmp_path, [0.0, 0.5, 20.0, 1.0])
     assert times_s == pytest.approx([0.0, 0.5, 0.5, 0.5])
-    assert len(told) == 2
+    assert len(reported) == 2
 
 
 def test_pauses_and_messages_that_are_written_late_are_no_steps(tmp_path):
-    times_s, told = due(tmp_path, [0.0, 20.0, 19.5, 30.0])
-    assert (times_s, told) == (pytest.approx([0.0, 20.0, 19.5, 30.0]), [])
+    times_s, reported = due(tmp_path, [0.0, 20.0, 19.5, 30.0])
+    assert (times_s, reported) == (pytest.approx([0.0, 20.0, 19.5, 30.0]), [])
     (tmp_path / "r.mcap").unlink()
-    times_s, told = due(tmp_path, [0.0, 4000.0], longest_pause_s=5000.0)
-    assert (times_s, told) == ([0.0, 4000.0], [])
+    times_s, reported = due(tmp_path, [0.0, 4000.0], longest_pause_s=5000.0)
+    assert (times_s, reported) == ([0.0, 4000.0], [])
 
 
-def test_steps_are_told_one_by_one_up_to_some(tmp_path):
-    _, told = due(tmp_path, [0.0, 1000.0] * 8)
-    assert len(told) == 6
-    assert told[-1] == "and 10 more steps of its time"
+def test_steps_are_reported_one_by_one_up_to_some(tmp_path):
+    _, reported = due(tmp_path, [0.0, 1000.0] * 8)
+    assert len(reported) == 6
+    assert reported[-1] == "and 10 more steps of its time"
 
 
 def listening(endpoint):
@@ -335,11 +335,11 @@ def test_a_record_of_ros_1_or_json_alone_says_what_it_is(tmp_path):
     )
 
 
-def test_messages_in_another_encoding_are_told(tmp_path):
+def test_messages_in_another_encoding_are_reported(tmp_path):
     reader = RecordReader(others_record(tmp_path / "r.mcap", ["cdr", "json"]))
     assert [each.topic.name for each in reader] == ["/talk_0"]
-    (told,) = reader.problems
-    assert told.startswith("1 messages are left out: they are in 'json'")
+    (reported,) = reader.problems
+    assert reported.startswith("1 messages are left out: they are in 'json'")
 
 
 # -- a live robot --------------------------------------------------------------------------------
@@ -369,13 +369,13 @@ def asked(tmp_path, commands, jogs=20, **tables):
     ):
         results = node.subscription(f"{NODE}/result", RESULT, 100)
         path = going(Path(tempfile.mkdtemp(dir=tmp_path)) / "go.mcap", session, jogs)
-        said, told = [], []
+        said, reported = [], []
         report = replay(path, BusOptions(router=endpoint), commands=commands, say=said.append)
 
         def answers():
             while (message := results.poll()) is not None:
-                told.append(codec_of(RESULT).decode(message.data))
-            return told
+                reported.append(codec_of(RESULT).decode(message.data))
+            return reported
 
         yield session, report, said, answers
 
@@ -407,11 +407,11 @@ def test_commands_that_are_asked_for_are_refused_where_their_source_is_not_to_mo
             assert session.snapshot.tracking.path_m == 0.0
             return {each["command"]: each for each in answers()}, report, said
 
-    told, report, said = done_again(refused, reason=lambda answer: answer[0]["movl"]["reason"])
+    reported, report, said = done_again(refused, reason=lambda answer: answer[0]["movl"]["reason"])
     assert report.messages == 22
     assert said == [COMMANDS_WORDS]
-    assert {each["outcome"] for each in told.values()} == {"refused"}
-    assert "authority over the arm is reserved" in told["movl"]["reason"]
+    assert {each["outcome"] for each in reported.values()} == {"refused"}
+    assert "authority over the arm is reserved" in reported["movl"]["reason"]
 
 
 @pytest.mark.matrix
@@ -424,13 +424,15 @@ def test_commands_that_are_asked_for_move_an_arm_that_takes_them_from_anybody(tm
         with asked(tmp_path, commands=True, jogs=0) as (session, _, _, answers):
 
             def result():
-                told = {each["command"]: each for each in answers()}
-                return told if told.get("movl", {"outcome": ""})["outcome"] in ended else None
+                reported = {each["command"]: each for each in answers()}
+                return (
+                    reported if reported.get("movl", {"outcome": ""})["outcome"] in ended else None
+                )
 
-            told = until(result, "the motion's end")
-            outcomes = {name: each["outcome"] for name, each in told.items()}
-            return outcomes, told["movl"]["reason"], session.snapshot.tracking.path_m
+            reported = until(result, "the motion's end")
+            outcomes = {name: each["outcome"] for name, each in reported.items()}
+            return outcomes, reported["movl"]["reason"], session.snapshot.tracking.path_m
 
-    told, _, path_m = done_again(moved, reason=lambda answer: answer[1])
-    assert told == {"movl": "done"}
+    reported, _, path_m = done_again(moved, reason=lambda answer: answer[1])
+    assert reported == {"movl": "done"}
     assert path_m > 0.029

@@ -35,13 +35,13 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 
 
 @pytest.mark.matrix
-def test_it_records_until_it_is_told_to_end_and_tells_how_much(tmp_path, monkeypatch, capsys):
+def test_it_records_until_it_is_asked_to_end_and_tells_how_much(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv(stats.TELLS_VARIABLE, "1")
-    stop, told, ready = threading.Event(), [], []
+    stop, reported, ready = threading.Event(), [], []
 
     def tell(figures):
-        told.append(figures)
-        if len(told) > 1:
+        reported.append(figures)
+        if len(reported) > 1:
             stop.set()
 
     monkeypatch.setattr(stats, "tell", tell)
@@ -54,6 +54,6 @@ def test_it_records_until_it_is_told_to_end_and_tells_how_much(tmp_path, monkeyp
     timer.cancel()
     (file,) = tmp_path.glob("*.mcap")
     assert ready == [str(file)]
-    assert told[0].keys() == {"bytes", "messages", "dropped", "lost"}
-    assert 0 < told[-1]["bytes"] <= file.stat().st_size
+    assert reported[0].keys() == {"bytes", "messages", "dropped", "lost"}
+    assert 0 < reported[-1]["bytes"] <= file.stat().st_size
     assert "0 messages of 0 topics" in capsys.readouterr().out

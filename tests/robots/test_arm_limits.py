@@ -174,7 +174,7 @@ def test_only_what_the_file_has_not_is_asked_for(load):
     assert lines.startswith("[velocity_deg_s]\n")
 
 
-def test_an_arm_without_a_file_is_told_of_one():
+def test_an_arm_without_a_file_is_reported_one():
     with pytest.raises(
         ConfigurationError, match=re.escape('.toml, which begins with urdf = "FILE"')
     ):

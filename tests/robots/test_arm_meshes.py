@@ -91,7 +91,7 @@ def test_a_mesh_is_covered_where_the_link_has_it(own, how):
     CollisionModel(ArmKinematics(arm))
 
 
-def test_a_mesh_that_is_not_there_is_told(own, tmp_path):
+def test_a_mesh_that_is_not_there_is_reported(own, tmp_path):
     (tmp_path / "own_description" / "arm.obj").unlink()
     arm = load_arm(own())
     (words,) = arm.missing_meshes

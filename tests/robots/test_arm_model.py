@@ -514,7 +514,7 @@ TWO = (joint(), joint("k", a="one", b="two"))
         ),
     ],
 )
-def test_links_without_a_body_are_told(arm_file, elements, without):
+def test_links_without_a_body_are_reported(arm_file, elements, without):
     text = 'urdf = "own.urdf"\ncollision.meshes = "ignore"'
     said = load_arm(arm_file(text, urdf(*elements))).links_without_body()
     assert said == without if not without or ":" in without else said.startswith(without)

@@ -115,10 +115,10 @@ def test_what_is_kept_follows_included_files(here, xacro, monkeypatch):
 )
 def test_what_is_wrong_in_it_is_one_line(here, xacro, text, said, capfd):
     Path("bad.xacro").write_text(f'<robot name="r" {SPACE}>{text}</robot>', encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=re.escape(said)) as told:
+    with pytest.raises(ConfigurationError, match=re.escape(said)) as raised:
         load_arm("bad.xacro")
-    assert str(told.value).startswith(f"{here / 'bad.xacro'}: ")
-    assert "\n" not in str(told.value)
+    assert str(raised.value).startswith(f"{here / 'bad.xacro'}: ")
+    assert "\n" not in str(raised.value)
     assert capfd.readouterr() == ("", "")
 
 
@@ -149,12 +149,12 @@ def test_a_urdf_takes_no_arguments(here):
 
 def test_without_xacro_one_line_says_what_to_do(here, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacro", None)
-    with pytest.raises(ExtraMissingError) as told:
+    with pytest.raises(ExtraMissingError) as raised:
         load_arm("arm.urdf.xacro")
-    assert str(told.value).startswith(
+    assert str(raised.value).startswith(
         "arm.urdf.xacro, unless you expand it by `xacro FILE > arm.urdf`, needs xacro"
     )
-    assert str(told.value).endswith('pip install "cardan[xacro]"')
+    assert str(raised.value).endswith('pip install "cardan[xacro]"')
 
 
 def test_its_toml_is_written_with_the_arguments(here, xacro):

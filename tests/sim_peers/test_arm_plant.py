@@ -376,7 +376,7 @@ def test_capsules_touch_when_asked():
 # -- ideal drives, faults, and the rest ---------------------------------------------------------
 
 
-def test_ideal_drives_are_exactly_where_they_are_told_to_be():
+def test_ideal_drives_are_exactly_where_they_are_asked_to_be():
     plant = gofa(drive="ideal")
     target = tuple(q + 0.1 for q in STRETCHED)
     plant.command_positions(target, (0.1,) * 6)

@@ -48,9 +48,9 @@ def test_the_help_lists_every_peer_with_its_summary():
 @pytest.mark.parametrize("name", ours(registry))
 def test_what_a_peer_declares_is_offered(name):
     peer = registry.load(name)
-    told = said(name, "--help")
-    assert peer.epilog in told
-    assert all(flag in told for flag in flags(name) if flag.startswith("--"))
+    reported = said(name, "--help")
+    assert peer.epilog in reported
+    assert all(flag in reported for flag in flags(name) if flag.startswith("--"))
     listed = said(name, "--list-faults")
     assert peer.faults
     for fault in peer.faults:
@@ -108,7 +108,7 @@ def test_a_peer_is_imported_when_its_command_is_asked_for(monkeypatch):
         ("abb-gofa", ("--joints", "1,2,3"), "--joints: "),
     ],
 )
-def test_wrong_words_are_told_with_the_option(name, words, message):
+def test_wrong_words_are_reported_with_the_option(name, words, message):
     with pytest.raises((ConfigurationError, ScriptError), match=f"^{re.escape(message)}"):
         said(name, *words, "--seconds", "0")
 
@@ -189,10 +189,10 @@ def made(*words: str, code: int = 0) -> ToasterOptions:
 class TestSomebodyElsesPeer:
     def test_gets_its_command(self):
         assert "A toaster." in said("--help")
-        told = said("toaster", "--help")
+        reported = said("toaster", "--help")
         for words in ("--at", "HOST:PORT", "::1:80", "red|blue", "big|small", "DEG/S", "KG"):
-            assert words in told
-        assert "hidden" not in told
+            assert words in reported
+        assert "hidden" not in reported
         assert flags("toaster") == {
             *("--at", "--color", "--size", "--no-lid", "--warm", "--speed-limit", "--power"),
             *(
@@ -249,11 +249,11 @@ class TestSomebodyElsesPeer:
             (("--slot", "1,two"), "--slot: '1,two' is not 2 numbers with commas"),
         ],
     )
-    def test_wrong_words_are_told_with_the_option(self, words, message):
+    def test_wrong_words_are_reported_with_the_option(self, words, message):
         with pytest.raises(ConfigurationError, match=message):
             said("toaster", *words)
 
-    def test_an_unknown_fault_is_told(self):
+    def test_an_unknown_fault_is_reported(self):
         with pytest.raises(ScriptError, match="there is no fault 'melt'; there are: burn"):
             said("toaster", "--fault", "melt")
 

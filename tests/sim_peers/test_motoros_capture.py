@@ -98,7 +98,7 @@ def real():
 
 
 @pytest.fixture(scope="module")
-def told():
+def reported():
     """The captured client without the capture: its times, on a way of our own."""
     way = [time_s / TIMES_S[-1] for time_s in TIMES_S]
     points = [

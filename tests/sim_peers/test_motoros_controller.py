@@ -455,7 +455,7 @@ def test_a_point_is_busy_while_the_one_before_is_converted():
     assert cell.point(2, 0.0405).result == SUCCESS
 
 
-def test_a_trajectory_is_followed_and_its_status_told():
+def test_a_trajectory_is_followed_and_its_status_reported():
     cell = Cell().start()
     goal = cell.move(0.4, 0.05)
     cell.run(0.1)

@@ -246,7 +246,7 @@ def test_a_wait_ends_in_time_and_at_once_when_woken(free_tcp_port):
         assert waiting.poll().attachment.sequence == 3
 
 
-def test_a_port_that_a_router_has_is_told(free_tcp_port):
+def test_a_port_that_a_router_has_is_reported(free_tcp_port):
     options = BusOptions(router="", listen=(f"tcp/127.0.0.1:{free_tcp_port}",))
     with BusNode(options, "router"), pytest.raises(DriverError, match="cannot be joined"):
         RosArmPeer(RosArmOptions(port=free_tcp_port)).open()

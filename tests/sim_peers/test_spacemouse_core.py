@@ -284,7 +284,7 @@ def test_unplugged_device_is_silent_and_comes_back_with_its_led_on(
     assert reports[0][0] > 1.0
 
 
-def test_silenced_device_goes_on_when_told(device: SimulatedSpaceMouse) -> None:
+def test_silenced_device_goes_on_when_reported(device: SimulatedSpaceMouse) -> None:
     device.set_axes(DEFLECTED)
     run(device, 0.1)
     device.silence()

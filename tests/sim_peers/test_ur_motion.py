@@ -748,9 +748,9 @@ def test_a_sensor_of_others_takes_the_place_of_the_arms_own():
     force = rotate(flange.orientation, Vector3(1.0, 2.0, 3.0))
     torque = rotate(flange.orientation, Vector3(0.1 - 0.2, 0.2 + 0.1, 0.3))
     assert felt == pytest.approx((*force, *torque))
-    told = Telemetry(arm.controller).value
-    assert told("actual_TCP_force") == felt
-    assert told("wrench_calc_from_currents") == own
+    reported = Telemetry(arm.controller).value
+    assert reported("actual_TCP_force") == felt
+    assert reported("wrench_calc_from_currents") == own
     assert arm.call("force") == pytest.approx(math.sqrt(14.0))
     sensed(arm, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0)
     assert arm.call("get_tcp_force") == felt

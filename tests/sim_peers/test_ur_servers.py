@@ -255,7 +255,7 @@ def test_a_line_that_is_too_long_is_answered_and_its_connection_goes_on(world):
     ]
 
 
-def test_what_is_no_rtde_is_told_so(world):
+def test_what_is_no_rtde_is_informed(world):
     number = world.join("rtde")
     assert b"this is no RTDE" in world.say(number, b"\0\0V\0\2")
     assert number in world.closed
@@ -565,7 +565,7 @@ def test_local_control_refuses(request_):
     assert said == f"'{request_}' is not allowed in local control"
 
 
-def test_a_set_mode_is_told_on_the_client_interfaces(world):
+def test_a_set_mode_is_reported_on_the_client_interfaces(world):
     world.ask(world.join("dashboard"), "set operational mode AUTOMATIC")
     number = world.join("secondary")
     world.run(0.15)

@@ -319,7 +319,7 @@ def test_a_pause_and_what_comes_after_it_take_their_time():
     ]
 
 
-def test_what_clients_write_is_told():
+def test_what_clients_write_is_reported():
     world = World()
     write, value = world.telemetry.write, world.value
     write({"speed_slider_mask": 1, "speed_slider_fraction": 0.5})

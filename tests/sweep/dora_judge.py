@@ -114,12 +114,12 @@ def main(config=""):
     with announcing(dds=not config) as announced:
         hearing = {name: subscribe(name, type_name) for name, type_name in plan["hear"]}
         results = subscribe(RESULT, "cardan_msgs/msg/CommandResult")
-    told = {"commands": {}, "services": {}, "actions": {}, "heard": {}}
+    reported = {"commands": {}, "services": {}, "actions": {}, "heard": {}}
     for each in plan["commands"]:
         topic, type_name, message, _verb, _tag = each
         publisher = node.create_publisher(node.create_topic(topic, short(type_name), qos), qos)
         sent = array(type_name, message)
-        told["commands"][topic] = command(
+        reported["commands"][topic] = command(
             each,
             lambda publisher=publisher, sent=sent: publisher.publish(sent),
             lambda: taken(results),
@@ -130,27 +130,27 @@ def main(config=""):
         client = node.create_service_client(name, short(type_name), depth)
         asked = array(f"{type_name}_Request", request)
         try:
-            told["services"][name] = client.call(asked, TIMEOUT_S).to_pylist()[0]
+            reported["services"][name] = client.call(asked, TIMEOUT_S).to_pylist()[0]
         except Exception as error:
-            told["services"][name] = None
+            reported["services"][name] = None
             print(name, error, file=sys.stderr)
     for name, type_name, goal in plan["actions"]:
         client = node.create_action_client(name, short(type_name), qos)
         asked = array(f"{type_name}_Goal", goal)
         try:
             _status, result = client.take_result(client.send_goal(asked, TIMEOUT_S), TIMEOUT_S)
-            told["actions"][name] = result.to_pylist()[0]
+            reported["actions"][name] = result.to_pylist()[0]
         except Exception as error:
-            told["actions"][name] = None
+            reported["actions"][name] = None
             print(name, error, file=sys.stderr)
     print("HEARING", flush=True)
     until_s = time.monotonic() + TIMEOUT_S
-    while time.monotonic() < until_s and len(told["heard"]) < len(hearing):
+    while time.monotonic() < until_s and len(reported["heard"]) < len(hearing):
         for name, subscription in hearing.items():
-            if name not in told["heard"] and subscription.next() is not None:
-                told["heard"][name] = True
+            if name not in reported["heard"] and subscription.next() is not None:
+                reported["heard"][name] = True
         time.sleep(0.005)
-    print(json.dumps(told, default=str), flush=True)
+    print(json.dumps(reported, default=str), flush=True)
 
 
 if __name__ == "__main__":

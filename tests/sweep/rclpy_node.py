@@ -22,15 +22,15 @@ def type_of(name):
     return getattr(importlib.import_module(f"{package}.{kind}"), last)
 
 
-def told(value):
+def reported(value):
     """A message as JSON has it."""
     if hasattr(value, "get_fields_and_field_types"):
-        return {name: told(getattr(value, name)) for name in value.get_fields_and_field_types()}
+        return {name: reported(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
         return [*value]
     if isinstance(value, str) or not hasattr(value, "__iter__"):
         return value
-    return [told(each) for each in value]
+    return [reported(each) for each in value]
 
 
 def filled(message, fields):
@@ -54,7 +54,7 @@ class Judge:
         self.subscriptions[topic] = self.node.create_subscription(
             type_of(kind),
             topic,
-            lambda message: tell("sample", topic=topic, message=told(message)),
+            lambda message: tell("sample", topic=topic, message=reported(message)),
             quality,
         )
 
@@ -104,7 +104,7 @@ class Judge:
             return
         future = client.call_async(filled(type_of(kind).Request(), request))
         future.add_done_callback(
-            lambda done: tell("answer", service=service, message=told(done.result()))
+            lambda done: tell("answer", service=service, message=reported(done.result()))
         )
 
 

@@ -22,12 +22,12 @@ def main(port):
     plan = json.load(sys.stdin)
     ros = roslibpy.Ros("127.0.0.1", int(port))
     ros.run(TIMEOUT_S)
-    told = {"commands": {}, "services": {}, "actions": {}, "heard": {}}
+    reported = {"commands": {}, "services": {}, "actions": {}, "heard": {}}
     results = queue.SimpleQueue()
 
     def hear(name, type_name):
         def take(_message):
-            told["heard"][name] = True
+            reported["heard"][name] = True
 
         roslibpy.Topic(ros, name, type_name).subscribe(take)
 
@@ -42,7 +42,7 @@ def main(port):
     for each in plan["commands"]:
         topic, type_name, message, _verb, _tag = each
         publisher = roslibpy.Topic(ros, topic, type_name)
-        told["commands"][topic] = command(
+        reported["commands"][topic] = command(
             each,
             lambda publisher=publisher, message=message: publisher.publish(message),
             new,
@@ -51,9 +51,9 @@ def main(port):
     for name, type_name, request in plan["services"]:
         service = roslibpy.Service(ros, name, type_name)
         try:
-            told["services"][name] = dict(service.call(request, timeout=TIMEOUT_S))
+            reported["services"][name] = dict(service.call(request, timeout=TIMEOUT_S))
         except Exception as error:
-            told["services"][name] = None
+            reported["services"][name] = None
             print(name, error, file=sys.stderr)
     for name, type_name, goal in plan["actions"]:
         ended, found = threading.Event(), []
@@ -65,12 +65,12 @@ def main(port):
         action = roslibpy.ActionClient(ros, name, type_name)
         action.send_goal(roslibpy.Goal(goal), end, lambda _feedback: None, end)
         ended.wait(TIMEOUT_S)
-        told["actions"][name] = found[0] if found else None
+        reported["actions"][name] = found[0] if found else None
     print("HEARING", flush=True)
     until_s = time.monotonic() + TIMEOUT_S
-    while time.monotonic() < until_s and len(told["heard"]) < len(plan["hear"]):
+    while time.monotonic() < until_s and len(reported["heard"]) < len(plan["hear"]):
         time.sleep(0.01)
-    print(json.dumps(told, default=plain), flush=True)
+    print(json.dumps(reported, default=plain), flush=True)
     ros.terminate()
 
 

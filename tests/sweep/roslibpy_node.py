@@ -55,11 +55,13 @@ class Judge:
         tell("answer", service=service, message=dict(answer))
 
     def act(self, action, kind, goal):
-        def told(event):
+        def reported(event):
             return lambda each: tell(event, action=action, message=plain(each))
 
         client = roslibpy.ActionClient(self.ros, action, kind)
-        client.send_goal(roslibpy.Goal(goal), told("result"), told("feedback"), told("failure"))
+        client.send_goal(
+            roslibpy.Goal(goal), reported("result"), reported("feedback"), reported("failure")
+        )
 
 
 def main(port):

@@ -19,14 +19,14 @@ OCTETS = {"byte": "uint8", "octet": "uint8", "char": "uint8"}
 LATCHED = QosProfile(durability=QosDurability.TRANSIENT_LOCAL)
 
 
-def told(value):
+def reported(value):
     """A message as JSON has it."""
     if dataclasses.is_dataclass(value):
         names = [each.name for each in dataclasses.fields(value) if each.name != "__msgtype__"]
-        return {name: told(getattr(value, name)) for name in names}
+        return {name: reported(getattr(value, name)) for name in names}
     if isinstance(value, numpy.ndarray):
         return value.tolist()
-    return [told(each) for each in value] if isinstance(value, list) else value
+    return [reported(each) for each in value] if isinstance(value, list) else value
 
 
 def fields_of(store, kind, fields):
@@ -59,7 +59,7 @@ class Judge:
 
     def subscribe(self, topic, kind, latched=False):
         self.subscriptions[topic] = zenoh_ros2_sdk.ROS2Subscriber(
-            topic, kind, lambda message: tell("sample", topic=topic, message=told(message)),
+            topic, kind, lambda message: tell("sample", topic=topic, message=reported(message)),
             node_name="judge", qos=LATCHED if latched else None, **ROUTER,
         )  # fmt: skip
 
@@ -90,7 +90,7 @@ class Judge:
         )
         store = client.session_mgr.store
         reply = client.call(**fields_of(store, client.request_store_type, request))
-        tell("answer", service=service, message=told(reply))
+        tell("answer", service=service, message=reported(reply))
 
 
 if __name__ == "__main__":

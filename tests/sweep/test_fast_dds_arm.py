@@ -101,8 +101,8 @@ def test_it_stops_the_arm_by_a_topic_as_services_do_not_reach_it(program, sessio
     program.publish(stop, EMPTY, {})
 
     def stopped():
-        told = program.results()
-        return [each for each in told if (each["command"], each["outcome"]) == ("stop", "done")]
+        reported = program.results()
+        return [each for each in reported if (each["command"], each["outcome"]) == ("stop", "done")]
 
     until(stopped, "the stop")
     # The stream that goes on does not begin again by itself.

@@ -127,15 +127,15 @@ def test_its_stream_moves_the_arm_while_it_is_there(operator, lab):
         operator.stream(-0.05)
         killed_s = time.time()
         operator.kill()
-        told = []
+        reported = []
 
         def rested(status):
-            told.extend([rests(status)] * (stamp_s(status) > killed_s))
-            return any(told)
+            reported.extend([rests(status)] * (stamp_s(status) > killed_s))
+            return any(reported)
 
         await_status(rested, "the rest")
     # By how often the arm has told its status meanwhile.
-    assert told.index(True) < REST_WITHIN_S * STATUS_HZ
+    assert reported.index(True) < REST_WITHIN_S * STATUS_HZ
 
 
 @by(*EVERY)

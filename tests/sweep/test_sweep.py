@@ -35,7 +35,7 @@ def judgment(request, session):
     return plan(network_table.rows(), mark)
 
 
-def told(session, command, asked, **more):
+def reported(session, command, asked, **more):
     """Return the report of a judge in its own process; the arm moves when it has commanded."""
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more
@@ -81,7 +81,7 @@ def test_dora_rs_over_zenoh(session, judgment, tmp_path):
     )
     command = [sys.executable, "-m", "tests.sweep.dora_judge", str(config)]
     env = {**os.environ, "AMENT_PREFIX_PATH": str(tmp_path)}
-    check(judgment, told(session, command, judgment, env=env))
+    check(judgment, reported(session, command, judgment, env=env))
 
 
 @pytest.mark.shown_on(
@@ -93,7 +93,7 @@ def test_dora_rs_over_zenoh(session, judgment, tmp_path):
 def test_roslibpy_over_rosbridge(session, judgment, running):
     pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
     command = [sys.executable, "-m", "tests.sweep.roslibpy_judge", str(running.port)]
-    check(judgment, told(session, command, judgment))
+    check(judgment, reported(session, command, judgment))
 
 
 @pytest.mark.shown_on(
@@ -104,7 +104,7 @@ def test_roslibpy_over_rosbridge(session, judgment, running):
 )
 def test_roslib_1_over_rosbridge(session, judgment, running):
     command, folder = [*ROSLIB, str(running.port), RESULT], installed("roslib", "1.4.1")
-    check(judgment, told(session, command, judgment, cwd=folder))
+    check(judgment, reported(session, command, judgment, cwd=folder))
 
 
 @pytest.mark.shown_on(
@@ -115,7 +115,7 @@ def test_roslib_1_over_rosbridge(session, judgment, running):
 )
 def test_roslib_2_over_rosbridge(session, judgment, running):
     command, folder = [*ROSLIB, str(running.port), RESULT], installed("roslib", "2.1.0")
-    check(judgment, told(session, command, judgment, cwd=folder))
+    check(judgment, reported(session, command, judgment, cwd=folder))
 
 
 # Over DDS dora-rs leaves out the one byte of an empty message, and Cyclone DDS drops what is left;
@@ -138,7 +138,7 @@ def test_dora_rs_over_dds(session, judgment, domain, tmp_path):
     write_packages(tmp_path)
     env = {**os.environ, "AMENT_PREFIX_PATH": str(tmp_path), "ROS_DOMAIN_ID": str(domain)}
     command = [sys.executable, "-m", "tests.sweep.dora_judge"]
-    check(judgment, told(session, command, judgment, env=env))
+    check(judgment, reported(session, command, judgment, env=env))
 
 
 @pytest.mark.shown_on(
@@ -155,14 +155,14 @@ def test_fast_dds(session, judgment, domain, discovery):
 
 def met(session, asked, node):
     """Return the report of a node over Fast DDS."""
-    told_result = "cardan_msgs/msg/CommandResult"
-    for name, type_name in {**dict(asked.hear), RESULT: told_result}.items():
+    reported_result = "cardan_msgs/msg/CommandResult"
+    for name, type_name in {**dict(asked.hear), RESULT: reported_result}.items():
         node.subscribe(name, type_name, latched=name.endswith(LATCHED))
 
     def results():
         heard = node.found("sample", topic=RESULT)[len(known) :]
         known.extend(heard)
-        return [codec_of(told_result).decode(bytes.fromhex(each["cdr"])) for each in heard]
+        return [codec_of(reported_result).decode(bytes.fromhex(each["cdr"])) for each in heard]
 
     known, commands = [], {}
     for each in asked.commands:

@@ -142,9 +142,9 @@ class World:
             message = {"axes": [0.0] * 8, "buttons": [*[0] * 11, int(count % 20 < 2)]}
             self._publisher.put(codec_of(JOY).encode(completed(JOY, message)), now_ns)
             while self._feedback.poll() is not None:
-                told = {"command": RUMBLED, "outcome": "done", "success": True}
+                reported = {"command": RUMBLED, "outcome": "done", "success": True}
                 self._results.put(
-                    codec_of(RESULT_TYPE).encode(completed(RESULT_TYPE, told)), now_ns
+                    codec_of(RESULT_TYPE).encode(completed(RESULT_TYPE, reported)), now_ns
                 )
 
     def _move(self) -> None:

@@ -208,7 +208,7 @@ def axes_have_their_signs(decoded: ConnexionTraffic) -> Verdict:
 
 
 @requires(15, DESCRIPTOR)
-def buttons_are_told(decoded: ConnexionTraffic) -> Verdict:
+def buttons_are_reported(decoded: ConnexionTraffic) -> Verdict:
     """A button that is pressed is reported at once, and again when it is let go."""
     if decoded.model is not None and not decoded.model.buttons:
         return not_applicable("the model has none")
@@ -274,7 +274,7 @@ def the_led_disturbs_nothing(decoded: ConnexionTraffic) -> Verdict:
 
 
 @requires(301, "the system's HID driver")
-def unplugging_is_told(decoded: ConnexionTraffic) -> Verdict:
+def unplugging_is_reported(decoded: ConnexionTraffic) -> Verdict:
     """Unplugged, the device is reported gone, and sends nothing more."""
     phase = decoded.phase("unplug")
     gone = [] if phase is None else [index for index in decoded.lost if index >= phase.first]

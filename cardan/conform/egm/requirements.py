@@ -518,7 +518,7 @@ def it_comes_back(decoded: EgmTraffic) -> Verdict:
 
 
 @requires(301, f"{SCHEMA}, EgmMotorState, EgmMCIState")
-def an_emergency_stop_is_told(decoded: EgmTraffic) -> Verdict:
+def an_emergency_stop_is_reported(decoded: EgmTraffic) -> Verdict:
     """After an emergency stop no datagram says that motors are on and guidance runs."""
     off = dropwhile(lambda each: each.motors_on, decoded.during("estop"))
     found = some(list(off), "no datagram said that the motors went off")

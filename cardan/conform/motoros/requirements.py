@@ -581,7 +581,7 @@ def silence_stops_it(decoded: MotorosTraffic) -> Verdict:
 
 
 @requires(301, f"{STATES}, ROBOT_STATUS; {CONTROLLER}")
-def an_emergency_stop_is_told(decoded: MotorosTraffic) -> Verdict:
+def an_emergency_stop_is_reported(decoded: MotorosTraffic) -> Verdict:
     """After an emergency stop e_stopped is 1 and motion is not possible."""
     found = [(each, s) for each, s in decoded.statuses("estop") if s.e_stopped == 1]
     some(found, "no status reported one")

@@ -224,7 +224,7 @@ def programs_are_begun(decoded: UrTraffic) -> Verdict:
 
 
 @requires(110, f"{SCRIPT}: textmsg; {CLIENT}: text message")
-def what_a_program_says_is_told(decoded: UrTraffic) -> Findings:
+def what_a_program_says_is_reported(decoded: UrTraffic) -> Findings:
     """The text of a program's textmsg comes over the primary interface."""
     texts = [each.text for each in decoded.messages(MessageKind.TEXT)]
     for each in _programs(decoded, "say", "replaced"):
@@ -497,7 +497,7 @@ def it_comes_back(decoded: UrTraffic) -> Verdict:
 
 
 @requires(301, f"{GUIDE}: target_speed_fraction")
-def the_speed_slider_is_told(decoded: UrTraffic) -> Verdict:
+def the_speed_slider_is_reported(decoded: UrTraffic) -> Verdict:
     """target_speed_fraction follows the speed slider to the half, and back."""
     half, full = decoded.during("slider-half"), decoded.during("slider-full")
     some(half and full, NO_STATES)
@@ -515,7 +515,7 @@ def _never_local(decoded: UrTraffic) -> Verdict | None:
 
 
 @requires(302, f"{BOARD}: is in remote control", unless=_never_local)
-def local_control_is_told(decoded: UrTraffic) -> Verdict:
+def local_control_is_reported(decoded: UrTraffic) -> Verdict:
     """In local control the dashboard says so, and in remote control again."""
     asked = decoded.said(dashboard.REMOTE_CONTROL)
     found = (decoded.within(asked, name) for name in ("local", "remote"))
@@ -537,7 +537,7 @@ def _emergency(decoded: UrTraffic) -> list[DataPackage]:
 
 
 @requires(304, f"{GUIDE}: safety_mode")
-def an_emergency_stop_is_told(decoded: UrTraffic) -> Verdict:
+def an_emergency_stop_is_reported(decoded: UrTraffic) -> Verdict:
     """After an emergency stop safety_mode says so, and no state says that a program plays half a
     second later."""
     found = some(_emergency(decoded), "no state reported one")
@@ -590,7 +590,7 @@ def lines_spoil_no_program(decoded: UrTraffic) -> Verdict:
 
 
 @requires(122, f"{CLIENT}: runtime exception message")
-def runtime_exceptions_are_told(decoded: UrTraffic) -> Verdict:
+def runtime_exceptions_are_reported(decoded: UrTraffic) -> Verdict:
     """A program that fails while it runs ends, and a runtime exception on the primary interface
     says in which line."""
     found, last = _begun(decoded, "raise"), decoded.during("raise")[-1]

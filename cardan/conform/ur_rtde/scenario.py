@@ -258,7 +258,7 @@ class UrScenario(Scenario):
         if self._level >= Level.BY_HAND:
             yield from self._by_hand()
         yield mark("leave")
-        yield from self._told_lines()
+        yield from self._reported_lines()
         if self._inputs is not None:
             yield send(self._inputs.pack(nobody(self._beat + 1)), RTDE)
             yield Pause(0.05)
@@ -302,7 +302,7 @@ class UrScenario(Scenario):
         yield mark("dashboard")
         yield open_("dashboard")
         yield Pause(REPLY_S, lambda: self._lines > 0 or "dashboard" in self._lost)
-        yield from self._told_lines()
+        yield from self._reported_lines()
         for words in WORDED:
             yield from self._requested(words)
 
@@ -325,7 +325,7 @@ class UrScenario(Scenario):
             yield Pause(0.3)
         yield close(OLD)
 
-    def _told_lines(self) -> Script:
+    def _reported_lines(self) -> Script:
         for words in ASKING:
             yield from self._requested(words)
         # A CB3 has no remote control, and does not understand the question.
@@ -479,7 +479,7 @@ class UrScenario(Scenario):
         yield Pause(HAND_S, self._stopped_by_hand)
         yield Pause(1.0)
         self._path = None
-        yield from self._told_lines()
+        yield from self._reported_lines()
         yield mark("release")
         yield ask("release", "Release the emergency stop.")
         yield Pause(HAND_S, lambda: not self._stopped_by_hand())

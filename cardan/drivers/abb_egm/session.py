@@ -511,15 +511,15 @@ class EgmSession(AnsweringSession):
         """Time since the message before, which came `waited_s` earlier, by the controller's clock
         as far as it is plausible, and by ours, s."""
         cycle_state = self._cycle_state
-        told_s = nominal_s = self._nominal_s * step
+        reported_s = nominal_s = self._nominal_s * step
         before_us = cycle_state.time_us
         if time_us is not None and before_us != UNKNOWN:
             measured_s = (time_us - before_us) * 1e-6
             # Outside of this its clock was set.
             if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
-                told_s = measured_s
+                reported_s = measured_s
         found_s, cycle_state.credit_s = believed_s(
-            told_s, nominal_s, waited_s, cycle_state.credit_s
+            reported_s, nominal_s, waited_s, cycle_state.credit_s
         )
         return found_s
 

@@ -117,7 +117,7 @@ class UrSession(TcpSession[Channel, Task]):
         """The controller's name of its arm, where a start has asked for it."""
         self._unlocks = self._ended = False
         self._at_start = options.enable == "at-start"
-        self._told_packages = 0
+        self._reported_packages = 0
         self._counted_s = NEVER_S
         self._before_s: float | None = None
         """The agreed time of the state given last."""
@@ -575,12 +575,12 @@ class UrSession(TcpSession[Channel, Task]):
             link = RobotLink.LOST if feed.packages else RobotLink.WAITING
             self._before_s = None
             return self._state(now_s, link, 0.0, self._silence())
-        if feed.packages == self._told_packages:
+        if feed.packages == self._reported_packages:
             if now_s - self._said_s < WAKE_S:
                 return None
             # States are late and not lost yet: nothing is new, and nothing is answered.
             return self._state(now_s, _LIVE, 0.0, "waiting for the controller")
-        self._told_packages = feed.packages
+        self._reported_packages = feed.packages
         time_s = feed.clock.time_s
         before_s, self._before_s = self._before_s, time_s
         moves = feed.obeys and self.phase == "moving" and feed.slider >= SLOWEST_SHARE
@@ -639,7 +639,7 @@ class UrSession(TcpSession[Channel, Task]):
             and (package := motion.usual(command, feed.clock.time_s, feed.period_s)) is not None
         ):
             self.reply_pending = False
-            self._told_packages, self._said_s = feed.packages, now_s
+            self._reported_packages, self._said_s = feed.packages, now_s
             self._beat = beat = motion.beat
             self.commands += 1
             self._sent.append((beat, now_s))
@@ -652,7 +652,7 @@ class UrSession(TcpSession[Channel, Task]):
         if not self._effective:
             command = HoldCommand()
         # Packages received since the state was given count as answered and heard.
-        self._told_packages, self._said_s = self.feed.packages, now_s
+        self._reported_packages, self._said_s = self.feed.packages, now_s
         self._send(command, motion, now_s)
 
     def _send(self, command: RobotCommand, motion: UrMotion, now_s: float) -> None:

@@ -134,7 +134,7 @@ class UrController:
         """A program, and when it begins."""
         self._mode_at: tuple[float, RobotMode] | None = None
         self._stopped_s = -math.inf
-        self._told_slow = False
+        self._slow_reported = False
         self._start_s = math.nan
         self._now_s = 0.0
 
@@ -163,8 +163,8 @@ class UrController:
         if late_s > LONGEST_STALL_S:
             # A real one never stands still: its clock goes on, and the arm has done nothing.
             self._start_s += late_s
-            if not self._told_slow:
-                self._told_slow = True
+            if not self._slow_reported:
+                self._slow_reported = True
                 what = f"this computer is too slow: {late_s:.2f} s are left out"
                 self._note(f"{what} (what more there is, without a word)")
         self.frames += 1

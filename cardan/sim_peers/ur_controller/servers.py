@@ -80,7 +80,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._dashboard = Dashboard(controller, self.pendant)
         self._state_values = StateValues(controller, self.telemetry, self.pendant)
         self._realtime = RealtimeForm(options.version[:2])
-        self._told_safety = controller.safety
+        self._safety_reported = controller.safety
         self._off = False
         self._frame_due = False
         self._claims = Claims(options.faults)
@@ -291,8 +291,8 @@ class UrServers(TcpServers[PortKind, _Connection]):
 
     def _send_messages(self) -> None:
         controller = self.controller
-        if controller.safety is not self._told_safety:
-            self._told_safety = controller.safety
+        if controller.safety is not self._safety_reported:
+            self._safety_reported = controller.safety
             controller.messages.append(safety_message(controller.time_s, controller.safety))
         for each in self._connections.values():
             if each.kind in _PRIMARY:

@@ -46,13 +46,13 @@ def test_our_driver_is_judged_over_a_real_socket():
 
     thread = threading.Thread(target=drive)
     thread.start()
-    told = []
+    reported = []
     try:
-        report, _ = run.at(SUITE, f"127.0.0.1:{port}", Level.HOLD, told.append, seconds=0.8)
+        report, _ = run.at(SUITE, f"127.0.0.1:{port}", Level.HOLD, reported.append, seconds=0.8)
     finally:
         ended.set()
         thread.join()
-    assert told == []
+    assert reported == []
     found = {each.id: each.outcome.value for each in report.results}
     # Not those of times: this computer may stand still at any moment.
     for number in (101, 102, 103, 104, 105, 109, 110, 111, 112, 115, 117, 118, 119):

@@ -72,7 +72,7 @@ class SimulatedSession:
         self._earlier = earlier
         self._answers = []
         self._asked = dict.fromkeys((GOAL, CANCEL, RESULT), 0)
-        self._told = dict.fromkeys((FEEDBACK, STATUS), 0)
+        self._reported = dict.fromkeys((FEEDBACK, STATUS), 0)
         self._start_s = bench.world.now_s
 
     @property
@@ -119,11 +119,11 @@ class SimulatedSession:
         self.bench.server.report(now, 0)
 
     def _deliver(self):
-        for channel in self._told:
+        for channel in self._reported:
             messages = self.bench.node.publishers[CHANNELS[channel].name].messages
-            for message in messages[self._told[channel] :]:
+            for message in messages[self._reported[channel] :]:
                 self._hear(channel, message)
-            self._told[channel] = len(messages)
+            self._reported[channel] = len(messages)
         while self._answers:
             channel, data, note = self._answers.pop(0)
             self._do(self.exchange.heard(self.now_s, channel, data, note=note))

@@ -454,23 +454,23 @@ class Discovery:
     def departed(self) -> list[bytes]:
         """GUIDs of the participants that have left."""
         with self._library.lock:
-            told = self._participants.take(TAKEN_AT_ONCE)
-        return [each.key.bytes for each in told if each.sample_info.instance_state != _ALIVE]
+            reported = self._participants.take(TAKEN_AT_ONCE)
+        return [each.key.bytes for each in reported if each.sample_info.instance_state != _ALIVE]
 
-    def _endpoint(self, told: Any, writes: bool) -> Endpoint:
-        policy, qos = self._policy, told.qos
+    def _endpoint(self, reported: Any, writes: bool) -> Endpoint:
+        policy, qos = self._policy, reported.qos
         reliability, user = qos[policy.Reliability], qos[policy.Userdata]
         return Endpoint(
-            told.key.bytes,
-            told.participant_key.bytes,
+            reported.key.bytes,
+            reported.participant_key.bytes,
             writes,
-            told.topic_name,
-            told.type_name,
-            told.sample_info.instance_handle & _HANDLE,
+            reported.topic_name,
+            reported.type_name,
+            reported.sample_info.instance_handle & _HANDLE,
             reliability is not None and reliability != policy.Reliability.BestEffort,
             qos[policy.Durability] not in (None, policy.Durability.Volatile),
             b"" if user is None else bytes(user.data),
-            told.type_id is not None,
+            reported.type_id is not None,
         )
 
     def close(self) -> None:

@@ -402,12 +402,12 @@ class _Hub:
 
     def make_writer(self, prefix: str, name: str, type_name: str, qos: Qos, user: bytes) -> Writer:
         """Raises NetworkError."""
-        with _told():
+        with _errors_translated():
             return self.participant.writer(*self._names(prefix, name, type_name), qos, user)
 
     def make_reader(self, prefix: str, name: str, type_name: str, qos: Qos, user: bytes) -> Reader:
         """Raises NetworkError."""
-        with _told():
+        with _errors_translated():
             names = self._names(prefix, name, type_name)
             return self.participant.reader(*names, qos, user, self.deaf and prefix == TOPIC)
 
@@ -614,7 +614,7 @@ class _Client(_Given):
 
     def __init__(self, hub: _Hub, node: str, service: str, type_name: str) -> None:
         super().__init__(hub, node)
-        with _told():
+        with _errors_translated():
             self._response = f"{full_name(type_name, 'srv')}_Response"
         self._service = service
         users = _service_users(hub, "clientid", type_name)
@@ -702,7 +702,7 @@ class _Server(_Given):
     def __init__(self, hub: _Hub, node: str, service: str, type_name: str, asked: AskedBy) -> None:
         super().__init__(hub, node)
         self._service, self._asked = service, asked
-        with _told():
+        with _errors_translated():
             self._type = full_name(type_name, "srv")
         self._request = f"{self._type}_Request"
         users = _service_users(hub, "serviceid", type_name)
@@ -761,7 +761,7 @@ class _Server(_Given):
 
     def _met(self, client: Endpoint) -> bool:
         """Whether the client's reader is matched; a client without an id cannot be waited for."""
-        if not client.told("clientid"):
+        if not client.property_of("clientid"):
             return True
         readers = map(self._hub.by_handle, self._writer.matched())
         return any(each is not None and client.belongs(each, "clientid") for each in readers)
@@ -808,7 +808,7 @@ def _checked(name: str) -> str:
 
 
 @contextlib.contextmanager
-def _told() -> Iterator[None]:
+def _errors_translated() -> Iterator[None]:
     """Raise NetworkError for errors of DDS."""
     try:
         yield

@@ -109,8 +109,8 @@ class Announcer:
             NodeInfo(name, tuple(sorted(readers)), tuple(sorted(writers)))
             for name, (readers, writers) in self._nodes.items()
         )
-        told = Announcement(self._participant.guid, tuple(nodes))
-        self._writer.write(told.encode(self._gid_bytes))
+        reported = Announcement(self._participant.guid, tuple(nodes))
+        self._writer.write(reported.encode(self._gid_bytes))
 
 
 class DdsPublisher:
@@ -168,9 +168,9 @@ class GraphReader:
             else:
                 self.graph.remove(each)
         for sample in found.announced:
-            told = Announcement.decode(sample.data, self._gid_bytes)
-            if told is not None:
-                self.graph.announce(told)
+            reported = Announcement.decode(sample.data, self._gid_bytes)
+            if reported is not None:
+                self.graph.announce(reported)
         for guid in found.departed:
             self.graph.forget(guid)
 

@@ -282,14 +282,14 @@ class Endpoint(NamedTuple):
         """Vendor of its DDS."""
         return vendor(self.guid)
 
-    def told(self, key: str) -> str:
+    def property_of(self, key: str) -> str:
         """A value of its user data: "serviceid", "clientid", "typehash"; empty: it has none."""
         return parsed_user_data(self.user).get(key, "")
 
     def belongs(self, other: Endpoint, key: str) -> bool:
         """Whether another endpoint is of the same server ("serviceid") or client ("clientid"). An
         endpoint without user data may be: Cyclone DDS sometimes tells of one without."""
-        own, others = self.told(key), other.told(key)
+        own, others = self.property_of(key), other.property_of(key)
         return other.participant == self.participant and (own == others or not own or not others)
 
 
@@ -336,8 +336,8 @@ class DdsGraph:
 
     def forget(self, participant: bytes) -> None:
         """A participant is gone, and the nodes that it announced."""
-        told = self._announced.pop(participant, None)
-        for node in () if told is None else told.nodes:
+        announcement = self._announced.pop(participant, None)
+        for node in () if announcement is None else announcement.nodes:
             for guid in (*node.readers, *node.writers):
                 self._nodes.pop(guid, None)
 
@@ -347,14 +347,16 @@ class DdsGraph:
 
     def nodes(self) -> list[str]:
         """Full names of all nodes that are announced, sorted."""
-        return sorted({node.name for told in self._announced.values() for node in told.nodes})
+        return sorted(
+            {node.name for announcement in self._announced.values() for node in announcement.nodes}
+        )
 
     def having_node(self, name: str) -> list[bytes]:
         """GUIDs of the participants that have announced a node of this full name."""
         return [
             guid
-            for guid, told in self._announced.items()
-            if any(node.name == name for node in told.nodes)
+            for guid, announcement in self._announced.items()
+            if any(node.name == name for node in announcement.nodes)
         ]
 
     def node_of(self, endpoint: Endpoint) -> str:

@@ -43,24 +43,24 @@ def main(arm):
                 time.sleep(PERIOD_S)
         return None
 
-    told = {}
+    reported = {}
     poses = node.create_subscription(topic("state/pose", "geometry_msgs/PoseStamped"), qos)
     results = node.create_subscription(topic("result", "cardan_msgs/CommandResult"), qos)
     commands = node.create_publisher(topic("command/movl", "geometry_msgs/Pose"), qos)
-    told["pose"] = heard(poses)
-    pose = told["pose"]["pose"]
+    reported["pose"] = heard(poses)
+    pose = reported["pose"]["pose"]
     pose["position"]["z"] -= 0.02
     # dora-rs does not report matched peers: it asks again until its own subscription is there,
     # too. While the arm moves, further commands are refused.
-    told["accepted"] = heard(
+    reported["accepted"] = heard(
         results,
         lambda each: (each["command"], each["outcome"]) == ("movl", "accepted"),
         lambda: commands.publish(pa.array([pose])),
     )
-    told["arrived"] = heard(
+    reported["arrived"] = heard(
         poses, lambda each: abs(each["pose"]["position"]["z"] - pose["position"]["z"]) < 0.002
     )
-    print(json.dumps(told), flush=True)
+    print(json.dumps(reported), flush=True)
 
 
 if __name__ == "__main__":

@@ -254,7 +254,7 @@ def test_what_is_not_allowed_stays_where_it_is(sides):
     kept.close()
 
 
-def test_another_type_is_told_of(sides, caplog):
+def test_another_type_is_reported(sides, caplog):
     robot, user = sides
     _, _handle = hears(robot, "/arm/command")
     until(lambda: "/arm/command" in user.topics())

@@ -44,14 +44,14 @@ def test_topics_both_ways_however_it_looks_for_others(discovery, first):
         publisher = ours.advertise("/arm/joints", JOINTS, False)
         ours.subscribe("/arm/name", STRING, lambda cdr, _ns: heard.append(cdr))
 
-        def told():
+        def reported():
             # Messages published before discovery are lost.
             publisher.publish(encoded(JOINTS, **message))
             return theirs.found("sample", topic="/arm/joints")
 
-        until(told)
-        told = theirs.heard("/arm/joints", JOINTS)
-        assert {key: told[key] for key in message} == message
+        until(reported)
+        reported = theirs.heard("/arm/joints", JOINTS)
+        assert {key: reported[key] for key in message} == message
         # Its length is no multiple of four: none of the padding is left.
         theirs.publish("/arm/name", STRING, {"data": "hello"}, count=300, period_ms=10)
         assert until(lambda: heard)[0] == encoded(STRING, data="hello")
@@ -95,11 +95,11 @@ def test_nodes_know_each_other_by_name(options, length):
         named = f"{seen['guid']}{'00' * (length - 16)}"
         until(lambda: any(named in each["cdr"] for each in theirs.found("graph")))
         # A full snapshot: the participant, one node, its endpoints.
-        told = next(each["cdr"] for each in theirs.found("graph") if named in each["cdr"])
-        assert told.startswith(
+        reported = next(each["cdr"] for each in theirs.found("graph") if named in each["cdr"])
+        assert reported.startswith(
             f"00010000{ours.hub.participant.guid.hex()}{'00' * (length - 16)}01000000"
         )
-        assert b"ours\0".hex() in told
+        assert b"ours\0".hex() in reported
         publisher.close()
         theirs.wait("endpoint_gone", topic="rt/arm/joints", kind="writer")
         assert named not in theirs.wait("graph")["cdr"], "taken from the snapshot before"
@@ -180,7 +180,7 @@ def test_bytes_that_are_no_message_are_passed_on_as_they_are(ours):
     assert sum(isinstance(each, MalformedCdr) or each == {"data": ""} for each in others) <= 3
 
 
-def test_a_client_of_a_service_is_told_what_to_do_and_gets_no_answer(ours, caplog):
+def test_a_client_of_a_service_is_reported_what_to_do_and_gets_no_answer(ours, caplog):
     asked = []
     ours.serve("/arm/stop", TRIGGER, lambda request, answered: asked.append(request))
     with caplog.at_level(logging.WARNING), FastNode(DOMAIN) as theirs:

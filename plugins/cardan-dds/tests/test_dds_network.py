@@ -190,7 +190,7 @@ def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
     part.close()
 
 
-def test_a_participant_that_leaves_is_told_of(pair):
+def test_a_participant_that_leaves_is_reported(pair):
     _, listener = pair
     gone = []
     with network("guest") as guest:
@@ -380,7 +380,7 @@ def test_without_the_package_it_says_which(monkeypatch):
 
 def test_an_announcement_tells_of_nodes_of_others(pair):
     _, listener = pair
-    told = Announcement(FAST_GUID, (NodeInfo("/far/node"),))
+    reported = Announcement(FAST_GUID, (NodeInfo("/far/node"),))
     with listener.hub.lock:
-        listener.hub.graph.announce(told)
+        listener.hub.graph.announce(reported)
     assert "/far/node" in listener.nodes()

@@ -15,6 +15,6 @@ def test_cardan_finds_both():
 
 def test_the_server_tells_what_it_does_and_what_its_options_mean():
     assert " ".join(Dds.__doc__.split()) in " ".join(said("--list").split())
-    told = said("dds", "--help")
+    reported = said("dds", "--help")
     for words in ("--seconds", "--dds-domain", "--dds-config", "--topics", Dds.epilog):
-        assert words in told
+        assert words in reported

@@ -107,7 +107,7 @@ def test_an_action_tells_where_the_arm_is_and_ends(user):
         goals.append(goal)
         return called(user, "action/movl/_action/get_result", f"{MOVE}_GetResult", goal_id=goal)
 
-    ended = done_again(moved, lambda told: told["result"]["message"])
+    ended = done_again(moved, lambda reported: reported["result"]["message"])
     assert ended["status"] == GoalStatus.SUCCEEDED, ended
     assert ended["result"]["success"]
     until(lambda: goals[-1] in [each["goal_id"] for each in feedback], "where it is")
@@ -130,13 +130,13 @@ def test_a_node_of_dora_rs_watches_and_commands_the_arm(domain, tmp_path):
     write_packages(tmp_path)
     with met():
         pass  # It has left when the node comes.
-    told = json.loads(
+    reported = json.loads(
         subprocess.run(
             [sys.executable, str(DORA), ARM],
             env={**os.environ, "AMENT_PREFIX_PATH": str(tmp_path), "ROS_DOMAIN_ID": domain},
             stdout=subprocess.PIPE, check=True, timeout=100.0,
         ).stdout
     )  # fmt: skip
-    assert told["pose"]["header"]["frame_id"] == "base_link"
-    assert told["accepted"]["outcome"] == "accepted"
-    assert told["arrived"] is not None
+    assert reported["pose"]["header"]["frame_id"] == "base_link"
+    assert reported["accepted"]["outcome"] == "accepted"
+    assert reported["arrived"] is not None

@@ -149,7 +149,7 @@ def test_an_announcement_is_the_message_of_rmw_dds_common():
     def gid(guid):
         return {"data": guid}
 
-    told = {
+    property_of = {
         "gid": gid(CYCLONE_GUID),
         "node_entities_info_seq": [
             {
@@ -166,7 +166,7 @@ def test_an_announcement_is_the_message_of_rmw_dds_common():
             },
         ],
     }
-    assert ANNOUNCED.encode() == codec_of(DISCOVERY_TYPE).encode(told)
+    assert ANNOUNCED.encode() == codec_of(DISCOVERY_TYPE).encode(property_of)
     assert type_hash(DISCOVERY_TYPE) == (
         "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
     )

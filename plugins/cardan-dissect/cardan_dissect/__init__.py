@@ -46,7 +46,7 @@ MOST_OTHERS = 4096
 COPY_NS = 20_000_000
 """Within this time a datagram passes from one interface of a computer to another: a bridge, a
 container."""
-MOST_TOLD = 10
+MOST_REPORTED = 10
 """Files that are not read and that are named."""
 PROGRESS_PACKETS = 4096
 """Packets between two reports of the progress."""
@@ -157,8 +157,8 @@ def _look(paths: Iterable[str | os.PathLike[str]]) -> None:
         except CaptureError as error:
             wrong.append(str(error))
     if wrong:
-        more = f" (and {len(wrong) - MOST_TOLD} more)" if len(wrong) > MOST_TOLD else ""
-        raise CaptureError("; ".join(wrong[:MOST_TOLD]) + more)
+        more = f" (and {len(wrong) - MOST_REPORTED} more)" if len(wrong) > MOST_REPORTED else ""
+        raise CaptureError("; ".join(wrong[:MOST_REPORTED]) + more)
 
 
 class CaptureReader:

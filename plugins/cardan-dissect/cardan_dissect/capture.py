@@ -140,7 +140,7 @@ class Capture:
         if self.path == STANDARD_INPUT:
             return
         try:
-            with self._told():
+            with self._errors_translated():
                 if not stat.S_ISFIFO(os.stat(self.path).st_mode):
                     with open_file(self.path) as stream:
                         next(self._packets(stream), None)
@@ -149,11 +149,11 @@ class Capture:
                 raise
 
     def __iter__(self) -> Iterator[CapturedPacket]:
-        with self._told(), self._opened() as stream:
+        with self._errors_translated(), self._opened() as stream:
             yield from self._packets(stream)
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
+    def _errors_translated(self) -> Iterator[None]:
         try:
             yield
         except FileNotFoundError:

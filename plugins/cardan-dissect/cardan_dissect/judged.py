@@ -44,7 +44,7 @@ LACKS_BEGINNING = "the capture lacks the beginning of a connection"
 LACKS_BYTES = "the capture lacks bytes of a connection"
 STRAY_DATAGRAMS = 16
 """A client that sent fewer, and got no answer, is a stray beside another client."""
-MOST_TOLD = 10
+MOST_REPORTED = 10
 """Flows that are named where none is the protocol's, and hosts of strays."""
 
 
@@ -274,10 +274,10 @@ class _Reading(ABC):
                 count[flow.client.host, flow.known] += len(flow.packets)
         self.strays = [
             f"{packets} packets between {host} and {known} are strays, and not judged"
-            for (host, known), packets in count.most_common(MOST_TOLD)
+            for (host, known), packets in count.most_common(MOST_REPORTED)
         ]
-        if len(count) > MOST_TOLD:
-            self.strays.append(f"strays of {len(count) - MOST_TOLD} more hosts are not judged")
+        if len(count) > MOST_REPORTED:
+            self.strays.append(f"strays of {len(count) - MOST_REPORTED} more hosts are not judged")
 
     def add(
         self, time_ns: int, kind: Kind, sent: bool, channel: str, data: bytes = b"", note: str = ""
@@ -528,8 +528,8 @@ def _check_flows(
     where = f"{reading.protocol} {ports}" + (f" of {reading.host}" if reading.host else "")
     if not reading.judged:
         flows = [*capture.hints.flows()]
-        more = f" and {len(flows) - MOST_TOLD} more" if len(flows) > MOST_TOLD else ""
-        there = f"there are {', '.join(flows[:MOST_TOLD])}{more}" if flows else "there are none"
+        more = f" and {len(flows) - MOST_REPORTED} more" if len(flows) > MOST_REPORTED else ""
+        there = f"there are {', '.join(flows[:MOST_REPORTED])}{more}" if flows else "there are none"
         hints = "".join(f"; {line}" for line in capture.hints.lines(kinds, "--target :"))
         raise ConfigurationError(
             "--capture", f"{name} has no flow at {where}: {there}; --target says which one{hints}"

@@ -81,10 +81,10 @@ def test_what_a_snap_length_cuts_is_no_gap(rtde, tmp_path, snap):
 def test_a_compressed_file_is_named_with_what_unpacks_it(tmp_path, magic, kind, command):
     path = tmp_path / "my capture"
     path.write_bytes(magic + bytes(100))
-    with pytest.raises(CaptureError) as told:
+    with pytest.raises(CaptureError) as raised:
         read(path)
     assert f"it is compressed with {kind}: `{command} '{path}' | cardan dissect -`" in str(
-        told.value
+        raised.value
     )
 
 
@@ -156,10 +156,10 @@ def test_of_several_files_one_that_is_damaged_is_read_to_there(rtde, tmp_path):
 def test_a_record_is_named_with_the_commands_that_read_it(tmp_path):
     path = tmp_path / "a session.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
-    with pytest.raises(CaptureError) as told:
+    with pytest.raises(CaptureError) as raised:
         read(path)
     for command in ("replay", "plot", "export"):
-        assert f"`cardan net {command} '{path}'`" in str(told.value)
+        assert f"`cardan net {command} '{path}'`" in str(raised.value)
 
 
 def cooked2(interface, protocol, rest):
@@ -235,12 +235,12 @@ def test_what_comes_twice_on_one_interface_is_a_duplicate(tmp_path):
     assert "duplicate 10" in text
 
 
-def test_progress_is_told_and_taken_away(rtde, capsys, monkeypatch):
-    told = []
+def test_progress_is_reported_and_taken_away(rtde, capsys, monkeypatch):
+    raised = []
     monkeypatch.setattr("cardan_dissect.PROGRESS_PACKETS", 100)
-    read(rtde, summary=True, progress=lambda packets, share: told.append((packets, share)))
-    shares = [share for _, share in told]
-    assert [number for number, _ in told] == [100 * (n + 1) for n in range(len(told))] != []
+    read(rtde, summary=True, progress=lambda packets, share: raised.append((packets, share)))
+    shares = [share for _, share in raised]
+    assert [number for number, _ in raised] == [100 * (n + 1) for n in range(len(raised))] != []
     assert shares == sorted(shares)
     assert all(0.0 < share <= 1.0 for share in shares)
 

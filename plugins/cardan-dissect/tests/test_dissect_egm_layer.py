@@ -221,7 +221,7 @@ def test_packed_doubles_are_read():
     assert robot.torqueRef.joints == [1, 2, 3, 4]
 
 
-def test_packed_force_of_robotware_6_is_told_from_7():
+def test_packed_force_of_robotware_6_is_distinguished_from_7():
     old = EgmRobot(tagged(9, 2, tagged(1, 2, struct.pack("<2d", 1, 2))))
     assert isinstance(old.measuredForce, EgmMeasuredForceRW6)
     assert old.measuredForce.force == [1, 2]

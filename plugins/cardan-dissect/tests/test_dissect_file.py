@@ -209,7 +209,7 @@ def test_what_the_codec_refuses_is_malformed_and_what_only_informs_is_shown(capt
     assert "utilization_rate nan" in text
 
 
-def test_a_controller_port_among_ours_is_told_by_the_type(capture):
+def test_a_controller_port_among_ours_is_reported_by_the_type(capture):
     controller = ("127.0.0.1", EGM_PORTS[1])
     pc = ("127.0.0.1", EGM_PORTS[0])
     packets = [

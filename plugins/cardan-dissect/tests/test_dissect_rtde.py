@@ -309,10 +309,10 @@ def test_a_clock_that_tells_nonsense_is_shown(time_s):
 
 def test_a_timestamp_of_another_type_is_no_time():
     kinds = ("VECTOR3D", "BOOL", "UINT64")
-    told = codec.reply_setup(codec.SetupReply(codec.PacketType.OUTPUTS, 2, kinds))
+    reported = codec.reply_setup(codec.SetupReply(codec.PacketType.OUTPUTS, 2, kinds))
     data = codec.Recipe(2, NAMES, kinds).pack([(1.0, 2.0, 3.0), True, 2**40])
     asks = segments([codec.ask_outputs(125.0, NAMES)], CLIENT, CONTROLLER)
-    lines, _ = fed([*asks, *segments([told, data, data], CONTROLLER, CLIENT)])
+    lines, _ = fed([*asks, *segments([reported, data, data], CONTROLLER, CLIENT)])
     assert lines[-1] == (
         "RTDE DATA recipe 2 | timestamp 1 2 3 | actual_q True | robot_mode 1099511627776"
     )

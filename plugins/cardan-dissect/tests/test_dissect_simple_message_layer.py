@@ -145,7 +145,7 @@ def test_what_is_wrong_is_named(data, reason):
     assert malformed(layer) == reason
 
 
-def test_requests_and_replies_of_the_same_type_are_told_apart():
+def test_requests_and_replies_of_the_same_type_are_distinguished():
     for body, comm_type, layer in (
         (4, 2, sm.ReadRegister), (8, 3, sm.ReadRegisterReply), (8, 1, sm.ReadRegisterReply),
     ):  # fmt: skip

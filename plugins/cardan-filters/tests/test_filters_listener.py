@@ -115,7 +115,7 @@ def test_closed_it_hears_nothing_and_says_nothing():
     listener.drain(11.0)
 
 
-def test_senders_to_a_port_are_told_apart_by_their_addresses(sensor):
+def test_senders_to_a_port_are_distinguished_by_their_addresses(sensor):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.sendto(b"b", sensor.listener.place)
         sensor.send(b"a", b"a")

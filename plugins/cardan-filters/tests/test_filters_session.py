@@ -42,7 +42,7 @@ def session(port=None, **options):
 
 
 @pytest.mark.usefixtures("fake_drivers")
-def test_without_its_sensor_nothing_moves_and_everyone_is_told(port):
+def test_without_its_sensor_nothing_moves_and_everyone_is_reported(port):
     made = session(port)
     last = made.run()
     assert last.tracking.path_m == 0.0

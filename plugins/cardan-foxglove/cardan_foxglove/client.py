@@ -58,7 +58,7 @@ MAX_CALLS = 100
 MAX_SUBSCRIPTIONS = 1000
 """Most subscriptions of a client."""
 
-MAX_TOLD = 1000
+MAX_REPORTED = 1000
 """Most refusals that are remembered, so that none is reported twice in a row."""
 
 INTRODUCTION_S = 5.0
@@ -188,7 +188,7 @@ class FoxgloveConnection:
         self._clock: Handle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._calls: set[concurrent.futures.Future[bytes]] = set()
-        self._told: dict[str, str] = {}
+        self._reported: dict[str, str] = {}
         self._logged = False
         self._gone = False
         self._introduced = asyncio.Event()
@@ -363,11 +363,11 @@ class FoxgloveConnection:
     def _refuse(self, identity: str, reason: str) -> None:
         """Tell the client why, once."""
         self._counts["refused"] += 1
-        if self._told.get(identity) == reason:
+        if self._reported.get(identity) == reason:
             return
-        if len(self._told) >= MAX_TOLD:
-            self._told.clear()
-        self._told[identity] = reason
+        if len(self._reported) >= MAX_REPORTED:
+            self._reported.clear()
+        self._reported[identity] = reason
         _log.log(logging.DEBUG if self._logged else logging.WARNING, "%s: %s", self._peer, reason)
         self._logged = True
         self._sender.send(protocol.status(protocol.ERROR, reason, identity))
@@ -607,21 +607,21 @@ class FoxgloveConnection:
 
     def tell_parameters(self, node: str, parameters: Sequence[Message]) -> None:
         """Parameters of a node have changed: for those that the client subscribed to."""
-        told = []
+        reported = []
         for each in parameters:
             name = protocol.client_name(node, each["name"])
             if self._allowed.parameter(f"{node}:{each['name']}") and protocol.parameter_entry(
                 name, each["value"]
             ):
                 content = content_of(each["value"])
-                told.append(
+                reported.append(
                     sdk().Parameter(
                         name,
                         value=list(content) if isinstance(content, tuple) else content,
                     )
                 )
-        if told and not self._gone:
-            self._server.publish_parameter_values(told)
+        if reported and not self._gone:
+            self._server.publish_parameter_values(reported)
 
     # -- what the SDK says, in threads of its own ------------------------------------------------
 

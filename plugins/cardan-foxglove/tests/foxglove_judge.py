@@ -60,7 +60,7 @@ class Ears:
 
 def main(port, encoding):
     plan = json.load(sys.stdin)
-    told = {"commands": {}, "services": {}, "actions": {}}
+    reported = {"commands": {}, "services": {}, "actions": {}}
     with foxglove_client(SimpleNamespace(port=port)) as client:
         ears = Ears(client, plan["hear"])
         for each in plan["commands"]:
@@ -69,7 +69,7 @@ def main(port, encoding):
             if encoding == "cdr":
                 data = encoded(type_name, message)
             channel = client.advertise(topic, type_name, encoding)
-            told["commands"][topic] = command(
+            reported["commands"][topic] = command(
                 each,
                 lambda channel=channel, data=data: client.publish(channel, data),
                 ears.take_results,
@@ -77,18 +77,18 @@ def main(port, encoding):
             )
         for name, type_name, request in plan["services"]:
             said = client.call(name, encoded(f"{type_name}_Request", request))
-            told["services"][name] = None
+            reported["services"][name] = None
             if said["op"] == "response":
                 answer = codec_of(f"{type_name}_Response").decode(said["data"])
                 assert not isinstance(answer, MalformedCdr), (name, answer.reason)
-                told["services"][name] = answer
+                reported["services"][name] = answer
             else:
                 print(name, said, file=sys.stderr)
         print("HEARING", flush=True)
         until_s = time.monotonic() + TIMEOUT_S
         while ears.missing and (left_s := until_s - time.monotonic()) > 0.0:
             ears.listen(left_s)
-        print(json.dumps({**told, "heard": ears.heard}, default=str), flush=True)
+        print(json.dumps({**reported, "heard": ears.heard}, default=str), flush=True)
 
 
 if __name__ == "__main__":

@@ -222,7 +222,7 @@ def test_an_advertisement_ends_with_the_last_of_its_topic(network, client):
         ("/a b", STRING, "cdr", "/a b"),
     ],
 )
-def test_what_cannot_be_advertised_is_told_to_the_client(network, topic, kind, encoding, words):
+def test_what_cannot_be_advertised_is_asked_to_the_client(network, topic, kind, encoding, words):
     with (
         foxglove_server(network, topics=("/x", "/chatter", "/a*")) as running,
         foxglove_client(running) as client,
@@ -250,7 +250,7 @@ def test_what_cannot_be_advertised_is_told_to_the_client(network, topic, kind, e
         ("json", b'{"data": 1}', "data"),
     ],
 )
-def test_messages_that_are_none_are_told_to_the_client(network, client, encoding, data, words):
+def test_messages_that_are_none_are_asked_to_the_client(network, client, encoding, data, words):
     number = client.advertise("/x", STRING, encoding)
     client.publish(number, data)
     client.status(words)
@@ -270,7 +270,7 @@ def test_a_flood_is_cut_off(network, running, monkeypatch):
         assert len([each for each in client.heard if each["op"] == "status"]) < 10, "told once"
 
 
-def test_what_is_no_operation_is_told_and_ends_nothing(client):
+def test_what_is_no_operation_is_reported_and_ends_nothing(client):
     for frame in ("no json", "[]", json.dumps({"op": "dance"}), b"\x09", b""):
         client.connection.send(frame)
     client.send("subscribe", subscriptions=[{"id": 1, "channelId": 4_000_000_000}])
@@ -401,7 +401,7 @@ def test_changes_keep_their_order(parameters, client):
     assert [each["parameters"][0]["value"] for each in answers] == list(range(50))
 
 
-def test_changes_are_told_to_those_who_subscribed(network, parameters, running):
+def test_changes_are_asked_to_those_who_subscribed(network, parameters, running):
     with foxglove_client(running) as one, foxglove_client(running) as other:
         one.send("subscribeParameterUpdates", parameterNames=["/arm.speed", "/arm.names"])
         one.settle()
@@ -411,8 +411,8 @@ def test_changes_are_told_to_those_who_subscribed(network, parameters, running):
         network.publish(
             "/parameter_events", EVENT, node=TEST_NODE, changed_parameters=[speed, count, names]
         )
-        told = one.until(op="parameterValues")["parameters"]
-        assert {each["name"]: each["value"] for each in told} == {
+        reported = one.until(op="parameterValues")["parameters"]
+        assert {each["name"]: each["value"] for each in reported} == {
             "/arm.speed": 2.0,
             "/arm.names": ["c"],
         }

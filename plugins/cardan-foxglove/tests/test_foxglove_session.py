@@ -78,11 +78,11 @@ def test_parameters_of_the_arm_are_seen_set_and_refused(server):
         before = {each["name"]: each["value"] for each in client.get()}
         assert before[name] > 0.0
         assert client.set(name=name, value=0.125)[0]["value"] == 0.125
-        told = client.until(
+        reported = client.until(
             lambda said: said["parameters"] == [{"name": name, "type": "float64", "value": 0.125}],
             op="parameterValues",
         )
-        assert "id" not in told
+        assert "id" not in reported
         assert client.set(name=name, value=1e9)[0]["value"] == 0.125
         client.status("allowed")
 

@@ -15,7 +15,7 @@ from foxglove_pair import foxglove_client
 from tests.serving import served
 from tests.sweep import conftest, test_sweep as shared
 from tests.sweep.plan import NODE
-from tests.sweep.test_sweep import check, told
+from tests.sweep.test_sweep import check, reported
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -42,12 +42,12 @@ def foxglove(session):
     but=("~/raw/device", "imu/data_raw"),
 )
 def test_everything_by_foxglove(session, judgment, foxglove):
-    check(judgment, told(session, [*FOXGLOVE, str(foxglove.port), "cdr"], judgment))
+    check(judgment, reported(session, [*FOXGLOVE, str(foxglove.port), "cdr"], judgment))
 
 
 @pytest.mark.shown_on(transport="Foxglove", by="own client", kinds=("taken",))
 def test_commands_in_json_by_foxglove(session, judgment, foxglove):
-    check(judgment, told(session, [*FOXGLOVE, str(foxglove.port), "json"], judgment))
+    check(judgment, reported(session, [*FOXGLOVE, str(foxglove.port), "json"], judgment))
 
 
 def test_every_parameter_is_read_and_set_by_foxglove(session, foxglove):

@@ -36,12 +36,12 @@ class Foxglove:
         return f"ros2 /foxglove_client_{number}"
 
 
-def test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so():
-    shared.test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so(Foxglove)
+def test_the_first_moves_the_arm_and_the_second_is_refused_and_informed():
+    shared.test_the_first_moves_the_arm_and_the_second_is_refused_and_informed(Foxglove)
 
 
-def test_a_client_whose_clock_is_not_known_yet_is_told_so_once():
-    shared.test_a_client_whose_clock_is_not_known_yet_is_told_so_once(Foxglove)
+def test_a_client_whose_clock_is_not_known_yet_is_informed_once():
+    shared.test_a_client_whose_clock_is_not_known_yet_is_informed_once(Foxglove)
 
 
 def test_another_one_moves_the_arm_after_the_lease_of_the_one_that_has_gone():

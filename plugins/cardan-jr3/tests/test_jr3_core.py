@@ -104,7 +104,7 @@ def test_a_board_that_is_switched_on_later_is_picked_up_by_its_boot():
     assert bench.run(1.2).link is DeviceLink.LIVE
 
 
-def test_a_board_without_a_sensor_is_told_from_one_that_is_not_there():
+def test_a_board_without_a_sensor_is_distinguished_from_one_that_is_not_there():
     bench = Bench(faults={"no-sensor": 1.0})
     bench.open()
     assert "check the sensor's cable" in bench.run(1.0).reason

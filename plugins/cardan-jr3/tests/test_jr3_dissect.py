@@ -368,7 +368,7 @@ def test_a_log_of_candump_that_is_cut(tmp_path):
     assert SHOWN[0] in out.getvalue()
 
 
-def test_a_time_of_candump_that_is_too_long_is_told_by_its_line(tmp_path):
+def test_a_time_of_candump_that_is_too_long_is_reported_by_its_line(tmp_path):
     path = tmp_path / "candump.log"
     path.write_text(f"({'9' * 5000}.000000) can0 181#00\n")
     with pytest.raises(CaptureError, match=r"damaged: line 1 is none of candump -L: '\(9999"):

@@ -283,7 +283,7 @@ class _BrokenBus:
         raise RuntimeError("never mind")
 
 
-def test_what_cannot_be_read_is_told_from_a_bus_that_is_gone():
+def test_what_cannot_be_read_is_distinguished_from_a_bus_that_is_gone():
     import can
 
     garbled = can.CanOperationError("could not unpack received message")
@@ -393,7 +393,7 @@ def test_an_interface_that_fails_in_its_own_way_is_refused_in_words(monkeypatch)
 @pytest.mark.parametrize(
     ("number", "words"), [(19, "no route for multicast"), (22, "address of a multicast group")]
 )
-def test_a_missing_route_is_told_from_a_wrong_group(number, words, monkeypatch):
+def test_a_missing_route_is_distinguished_from_a_wrong_group(number, words, monkeypatch):
     import can
 
     def bus_of(**_):

@@ -420,7 +420,7 @@ def test_whatever_comes_the_state_is_consistent(clutch, story):
 
 
 @pytest.mark.parametrize("clutch", ["grab", "pinch", "open"])
-def test_a_hand_in_view_is_told_when_the_service_is_back(clutch):
+def test_a_hand_in_view_is_reported_when_the_service_is_back(clutch):
     shown = {"open": FIST}.get(clutch, {})
     bench = Bench(clutch=clutch)
     assert bench.frames(1.0, hand(**shown)).link is DeviceLink.LIVE

@@ -20,26 +20,30 @@ def frames(text, until_s, step_s=None):
     service.receive(1, '{"background":true}', 0.0)
     hands = ScriptedHands(parse_script(text, SCRIPT_VERBS))
     sent = play(service, hands, until_s)
-    told = [(time_s, decode_service(message)) for time_s, _, message in sent]
-    return [(time_s, frame) for time_s, frame in told if isinstance(frame, TrackingFrame)], service
+    reported = [(time_s, decode_service(message)) for time_s, _, message in sent]
+    return [
+        (time_s, frame) for time_s, frame in reported if isinstance(frame, TrackingFrame)
+    ], service
 
 
-def at(told, time_s):
+def at(reported, time_s):
     """The one hand of the first frame at or after `time_s`."""
-    frame = next(frame for sent_s, frame in told if sent_s >= time_s)
+    frame = next(frame for sent_s, frame in reported if sent_s >= time_s)
     (hand,) = frame.hands
     return hand
 
 
 def test_enter_move_and_leave():
-    told, _ = frames("0.1 enter left 10 150 20\n1 move left 110 150 20 over 1\n3 leave left", 4.0)
-    assert told[0][1].hands == ()
-    assert at(told, 0.5).palm_position_mm == (10.0, 150.0, 20.0)
-    assert at(told, 0.5).type == "left"
-    assert at(told, 1.5).palm_position_mm.x == pytest.approx(60.0, abs=1.5)
-    assert at(told, 1.1).palm_position_mm.x < 15.0  # it starts gently
-    assert at(told, 2.5).palm_position_mm == (110.0, 150.0, 20.0)
-    assert told[-1][1].hands == ()
+    reported, _ = frames(
+        "0.1 enter left 10 150 20\n1 move left 110 150 20 over 1\n3 leave left", 4.0
+    )
+    assert reported[0][1].hands == ()
+    assert at(reported, 0.5).palm_position_mm == (10.0, 150.0, 20.0)
+    assert at(reported, 0.5).type == "left"
+    assert at(reported, 1.5).palm_position_mm.x == pytest.approx(60.0, abs=1.5)
+    assert at(reported, 1.1).palm_position_mm.x < 15.0  # it starts gently
+    assert at(reported, 2.5).palm_position_mm == (110.0, 150.0, 20.0)
+    assert reported[-1][1].hands == ()
 
 
 def test_tilt_swing_grab_pinch_and_confidence():
@@ -51,14 +55,14 @@ def test_tilt_swing_grab_pinch_and_confidence():
         4 pinch right 0.5
         5 confidence right 0.2
     """
-    told, _ = frames(text, 6.0)
-    assert at(told, 0.5).direction == pytest.approx((0.0, 0.5, -0.866025))
-    assert at(told, 1.25).palm_position_mm.z == pytest.approx(-40.0, abs=0.2)
-    assert at(told, 2.5).palm_position_mm == (0.0, 200.0, 0.0)
-    assert 0.0 < (at(told, 3.25).grab_strength or 0.0) < 1.0
-    assert at(told, 3.6).grab_strength == 1.0
-    assert at(told, 4.1).pinch_strength == 0.5
-    assert at(told, 5.1).confidence == 0.2
+    reported, _ = frames(text, 6.0)
+    assert at(reported, 0.5).direction == pytest.approx((0.0, 0.5, -0.866025))
+    assert at(reported, 1.25).palm_position_mm.z == pytest.approx(-40.0, abs=0.2)
+    assert at(reported, 2.5).palm_position_mm == (0.0, 200.0, 0.0)
+    assert 0.0 < (at(reported, 3.25).grab_strength or 0.0) < 1.0
+    assert at(reported, 3.6).grab_strength == 1.0
+    assert at(reported, 4.1).pinch_strength == 0.5
+    assert at(reported, 5.1).confidence == 0.2
 
 
 def test_what_happens_to_the_service():
@@ -74,37 +78,37 @@ def test_what_happens_to_the_service():
         5.5 replug
         6 restart 0.5
     """
-    told, service = frames(text, 7.0)
-    assert at(told, 0.5).id == 1
-    assert at(told, 1.5).id == 2
+    reported, service = frames(text, 7.0)
+    assert at(reported, 0.5).id == 1
+    assert at(reported, 1.5).id == 2
     for start_s, end_s in ((2.0, 2.5), (4.0, 4.5), (5.0, 5.5), (6.0, 7.0)):
-        assert not [time_s for time_s, _ in told if start_s + 0.02 < time_s < end_s]
-    assert sum(2.999 <= time_s < 3.05 for time_s, _ in told) == 6 - 2
+        assert not [time_s for time_s, _ in reported if start_s + 0.02 < time_s < end_s]
+    assert sum(2.999 <= time_s < 3.05 for time_s, _ in reported) == 6 - 2
     assert service.restarts == 1
 
 
 def test_a_hand_that_comes_back_begins_at_rest():
-    told, _ = frames("0 enter right\n0 grab right 1\n1 leave right\n2 enter right", 3.0)
-    assert at(told, 2.5).grab_strength == 0.0
-    assert at(told, 2.5).id == 2
+    reported, _ = frames("0 enter right\n0 grab right 1\n1 leave right\n2 enter right", 3.0)
+    assert at(reported, 2.5).grab_strength == 0.0
+    assert at(reported, 2.5).id == 2
 
 
 def test_loop():
-    told, _ = frames("0.5 enter right\n1 leave right\n1.5 loop", 6.0)
-    assert len({frame.hands[0].id for _, frame in told if frame.hands}) == 4
+    reported, _ = frames("0.5 enter right\n1 leave right\n1.5 loop", 6.0)
+    assert len({frame.hands[0].id for _, frame in reported if frame.hands}) == 4
 
 
 @pytest.mark.parametrize("name", sorted(SCRIPTS))
 def test_built_in_scripts_begin_without_a_hand(name):
-    told, _ = frames(SCRIPTS[name], 5.0)
-    assert told[0][1].hands == ()
+    reported, _ = frames(SCRIPTS[name], 5.0)
+    assert reported[0][1].hands == ()
 
 
 def test_the_demo_returns_to_where_it_began():
     """The robot's total motion, over both times of the clutch, is zero."""
-    told, _ = frames(SCRIPTS["demo"], 24.0)
+    reported, _ = frames(SCRIPTS["demo"], 24.0)
     by_hand: dict[int, list] = {}
-    for _, frame in told:
+    for _, frame in reported:
         for hand in frame.hands:
             by_hand.setdefault(hand.id, []).append(hand.palm_position_mm)
     assert len(by_hand) == 2

@@ -111,11 +111,11 @@ def test_a_fist_is_smaller_and_a_pinch_meets():
 def test_velocities_are_differences_and_stabilized_positions_lag():
     hand = HandModel(1, "right", 0.0)
     for step in range(50):
-        told, fingers = hand.measure(posture(palm=(2.0 * step, 200.0, 0.0)), step * 0.01)
-    assert told["palmVelocity"] == pytest.approx([200.0, 0.0, 0.0])
+        reported, fingers = hand.measure(posture(palm=(2.0 * step, 200.0, 0.0)), step * 0.01)
+    assert reported["palmVelocity"] == pytest.approx([200.0, 0.0, 0.0])
     assert fingers[2]["tipVelocity"] == pytest.approx([200.0, 0.0, 0.0], rel=1e-3)
-    assert 2.0 < told["palmPosition"][0] - told["stabilizedPalmPosition"][0] < 40.0
-    assert told["timeVisible"] == 0.49
+    assert 2.0 < reported["palmPosition"][0] - reported["stabilizedPalmPosition"][0] < 40.0
+    assert reported["timeVisible"] == 0.49
 
 
 def test_frames_of_older_versions_know_no_skeleton():

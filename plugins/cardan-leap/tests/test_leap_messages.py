@@ -176,7 +176,7 @@ def test_what_is_no_message_is_malformed(data):
     assert message.reason
 
 
-def test_unknown_messages_are_told_apart_from_malformed_ones():
+def test_unknown_messages_are_distinguished_from_malformed_ones():
     assert decode_service('{"policy":{"images":false}}') == Ignored(("policy",))
     assert isinstance(decode_service('{"event":{"type":"newEvent"}}'), Ignored)
 

@@ -18,10 +18,10 @@ FOCUSED = '{"focused":true}'
 def run(service, until_s):
     """Advance, and give the decoded messages by client."""
     service.advance(until_s)
-    told: dict[int, list] = {number: [] for number in service.clients}
+    reported: dict[int, list] = {number: [] for number in service.clients}
     for number, text in service.outgoing():
-        told.setdefault(number, []).append(decode_service(text))
-    return told
+        reported.setdefault(number, []).append(decode_service(text))
+    return reported
 
 
 def frames_of(messages):
@@ -76,9 +76,9 @@ class TestFocus:
         for number in (1, 2):
             service.connect(number, 6)
             service.receive(number, FOCUSED, 0.0)
-        told = run(service, 0.1)
-        assert frames_of(told[1]) == []
-        assert frames_of(told[2])
+        reported = run(service, 0.1)
+        assert frames_of(reported[1]) == []
+        assert frames_of(reported[2])
         service.receive(1, '{"focused":false}', 0.1)
         assert service.focused == 2
         service.receive(2, '{"focused":false}', 0.1)
@@ -88,9 +88,9 @@ class TestFocus:
         service = listening()
         service.connect(2, 6)
         service.receive(2, FOCUSED, 0.0)
-        told = run(service, 0.1)
-        assert frames_of(told[1])
-        assert frames_of(told[2])
+        reported = run(service, 0.1)
+        assert frames_of(reported[1])
+        assert frames_of(reported[2])
         service.disconnect(2)
         assert service.focused is None
         assert frames_of(run(service, 0.2)[1])
@@ -156,9 +156,9 @@ class TestFrames:
         service = listening()
         service.connect(2, 1)
         service.enter("left")
-        told = run(service, 0.05)
-        assert frames_of(told[1])[0].hands[0].type == "left"
-        assert frames_of(told[2])[0].hands[0].type == ""
+        reported = run(service, 0.05)
+        assert frames_of(reported[1])[0].hands[0].type == "left"
+        assert frames_of(reported[2])[0].hands[0].type == ""
 
 
 class TestDevice:
@@ -167,9 +167,9 @@ class TestDevice:
         service.connect(2, 3)
         service.outgoing()
         service.unplug()
-        told = run(service, 0.1)
-        assert [(e.attached, e.streaming) for e in told[1]] == [(True, False), (False, False)]
-        assert told[2] == [DeviceEvent("", "", False, False)] * 2
+        reported = run(service, 0.1)
+        assert [(e.attached, e.streaming) for e in reported[1]] == [(True, False), (False, False)]
+        assert reported[2] == [DeviceEvent("", "", False, False)] * 2
         service.replug()
         messages = run(service, 0.2)[1]
         assert [(e.attached, e.streaming) for e in messages[:2]] == [(True, False), (True, True)]

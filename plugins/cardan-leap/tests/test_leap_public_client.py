@@ -82,10 +82,10 @@ def heard(folder, script, frames, *, background=True, **options):
         )
     assert result.returncode == 0, result.stderr + result.stdout[-500:]
     lines = [json.loads(line) for line in result.stdout.splitlines() if line.startswith("{")]
-    told: dict[str, list] = {}
+    reported: dict[str, list] = {}
     for line in lines:
-        told.setdefault(line["kind"], []).append(line)
-    return told, peer.device
+        reported.setdefault(line["kind"], []).append(line)
+    return reported, peer.device
 
 
 def write(tmp_path, text):
@@ -98,11 +98,11 @@ def write(tmp_path, text):
 @judged
 def test_it_understands_hands_fingers_and_bones(leapjs, tmp_path):
     script = write(tmp_path, "0.1 enter right 40 220 -30\n0.1 tilt right 20 0 0\n0.5 loop")
-    told, service = heard(leapjs, script, 20)
-    ready = told["ready"][0]
+    reported, service = heard(leapjs, script, 20)
+    ready = reported["ready"][0]
     assert (ready["version"], ready["service"]) == (6, "2.3.1+33747")
-    assert told["deviceStreaming"][0]["device"]["type"] == "peripheral"
-    frame = told["frame"][-1]
+    assert reported["deviceStreaming"][0]["device"]["type"] == "peripheral"
+    frame = reported["frame"][-1]
     assert frame["palm"] == [40, 220, -30]
     assert frame["pitch"] == pytest.approx(0.349066, abs=1e-5)
     assert (frame["roll"], frame["yaw"]) == pytest.approx((0.0, 0.0), abs=1e-5)
@@ -128,18 +128,18 @@ def test_it_understands_hands_fingers_and_bones(leapjs, tmp_path):
 @judged
 def test_a_left_hand_is_left_to_it(leapjs, tmp_path):
     script = write(tmp_path, "0.1 enter left\n0.1 grab left 1\n0.5 loop")
-    told, _ = heard(leapjs, script, 5, background=False)
-    frame = told["frame"][-1]
+    reported, _ = heard(leapjs, script, 5, background=False)
+    frame = reported["frame"][-1]
     assert (frame["type"], frame["grab"], frame["extended"]) == ("left", 1, 0)
     assert frame["bone"]["left"] is True
 
 
 @judged
-def test_it_takes_an_older_version_when_told_so(leapjs, tmp_path):
+def test_it_takes_an_older_version_when_informed(leapjs, tmp_path):
     script = write(tmp_path, "0.1 enter right\n0.5 loop")
-    told, _ = heard(leapjs, script, 5, faults={"highest-version": 5.0})
-    assert (told["ready"][0]["version"], told["ready"][0]["asked"]) == (5, 5)
-    assert told["frame"][-1]["palm"] == [0, 200, 0]
+    reported, _ = heard(leapjs, script, 5, faults={"highest-version": 5.0})
+    assert (reported["ready"][0]["version"], reported["ready"][0]["asked"]) == (5, 5)
+    assert reported["frame"][-1]["palm"] == [0, 200, 0]
 
 
 @judged
@@ -147,8 +147,8 @@ def test_it_notices_unplugging_and_comes_back_after_a_restart(leapjs, tmp_path):
     script = write(
         tmp_path, "0.2 unplug\n0.4 replug\n0.6 restart 0.2\n2.5 enter right\n3 leave right"
     )
-    told, service = heard(leapjs, script, 5)
-    assert told["deviceRemoved"][0]["device"]["attached"] is False
-    assert told["disconnect"]
-    assert len(told["ready"]) == 2
+    reported, service = heard(leapjs, script, 5)
+    assert reported["deviceRemoved"][0]["device"]["attached"] is False
+    assert reported["disconnect"]
+    assert len(reported["ready"]) == 2
     assert service.restarts == 1

@@ -112,7 +112,7 @@ class ArmActions:
         dt_s = 0.0 if self._before_s is None else now_s - self._before_s
         self._before_s = now_s
         self.why_not = ""
-        told = self._act_gripper(numbers)
+        reported = self._act_gripper(numbers)
         if self.kind is ActionKind.DELTA:
             sent = self._act_delta(numbers)
         elif self.kind is ActionKind.TARGET:
@@ -120,7 +120,7 @@ class ArmActions:
         else:
             sent = self._act_pose(numbers, dt_s)
         names = MOTIONS[self.kind]
-        return {**dict(zip(names, sent, strict=True)), **told}
+        return {**dict(zip(names, sent, strict=True)), **reported}
 
     def _checked(self, action: Mapping[str, float]) -> dict[str, float]:
         numbers = {}
@@ -253,16 +253,16 @@ class ArmActions:
             if self.kind is ActionKind.TARGET:
                 middle, half = 0.0, 0.5 * OPENING
             wanted = None if abs(asked - middle) < half else asked < middle
-        told = False
+        reported = False
         if wanted is not None and wanted is not self._closed:
             try:
                 self._arm.act(Action.CLOSE if wanted else Action.OPEN)
             except MotionRefusedError as error:
                 self.why_not = str(error)
             else:
-                self._closed, told = wanted, True
+                self._closed, reported = wanted, True
         if self.kind is ActionKind.POSE:
             return {name: self._grip_now()}
         if self.kind is ActionKind.DELTA:
-            return {name: (CLOSE if self._closed else OPEN) if told else STAY}
-        return {name: (CLOSING if self._closed else OPENING) if told else 0.0}
+            return {name: (CLOSE if self._closed else OPEN) if reported else STAY}
+        return {name: (CLOSING if self._closed else OPENING) if reported else 0.0}

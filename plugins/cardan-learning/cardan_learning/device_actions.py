@@ -151,11 +151,11 @@ class DeviceActions:
             numbers = [0.0] * 6
             if request is not None and following:
                 numbers = self._shares(request.twist)
-            told = {None: STAY, True: CLOSE, False: OPEN}[gripped]
-            return {**dict(zip(MOTIONS[self.kind], numbers, strict=True)), "gripper": told}
+            reported = {None: STAY, True: CLOSE, False: OPEN}[gripped]
+            return {**dict(zip(MOTIONS[self.kind], numbers, strict=True)), "gripper": reported}
         numbers = [float(following), *(six_of(self._at) if following else (0.0,) * 6)]
-        told = {None: 0.0, True: CLOSING, False: OPENING}[gripped]
-        return {**dict(zip(MOTIONS[self.kind], numbers, strict=True)), "gripper_vel": told}
+        reported = {None: 0.0, True: CLOSING, False: OPENING}[gripped]
+        return {**dict(zip(MOTIONS[self.kind], numbers, strict=True)), "gripper_vel": reported}
 
     def _shares(self, twist: Twist) -> list[float]:
         options = self._mapping.options
@@ -165,14 +165,14 @@ class DeviceActions:
     def events(self) -> DeviceEvents:
         """Return the button events since the last call, and whether the operator intervenes."""
         request = self._request
-        told = DeviceEvents(
+        reported = DeviceEvents(
             request is not None and (self._arming is Arming.CLAIMING or request.following),
             self._ends,
             self._succeeded,
             self._again,
         )
         self._ends = self._succeeded = self._again = False
-        return told
+        return reported
 
     def advice(self) -> str:
         """Advice if the operator's motion moves nothing; empty: it does."""

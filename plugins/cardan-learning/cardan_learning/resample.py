@@ -256,7 +256,7 @@ def read_frames(
             )
         frames.problems += (f"{path}: {each}" for each in problems)
         for track in tracks.tracks:
-            frames.problems += _told(path, track)
+            frames.problems += _reported(path, track)
         breaks = _breaks(tracks, longest_gap_s)
         frames.problems += (
             f"{path}: {each.what}: nothing for {each.long_ns / NS:.1f} s, at which an episode ends "
@@ -276,7 +276,7 @@ def read_frames(
     return frames
 
 
-def _told(path: Path, track: Track) -> Iterator[str]:
+def _reported(path: Path, track: Track) -> Iterator[str]:
     if track.disordered:
         yield (
             f"{path}: {track.disordered} {track.what} left out: their stamps were not above those "

@@ -31,13 +31,13 @@ class Driven:
             MappingOptions(**mapping),
             gripped is not None,
         )
-        self.told = dict.fromkeys(self.actions.action_names, 0.0)
+        self.reported = dict.fromkeys(self.actions.action_names, 0.0)
         if kind == "delta" and gripped is not None:
-            self.told["gripper"] = 1.0
+            self.reported["gripper"] = 1.0
 
     def frame(self, **numbers):
         """Act for a frame; return the action that was really sent."""
-        sent = self.actions.act({**self.told, **numbers}, self.world.now_s)
+        sent = self.actions.act({**self.reported, **numbers}, self.world.now_s)
         self.world.tick(FRAME)
         return sent
 
@@ -173,7 +173,7 @@ def test_poses_that_follow_each_other_are_followed_closely():
 
 
 @pytest.mark.parametrize("kind", ["delta", "target", "pose"])
-def test_a_robot_that_is_not_ready_is_told_and_holds(kind):
+def test_a_robot_that_is_not_ready_is_reported_and_holds(kind):
     arm = Driven(kind)
     arm.world.hold_reason = "motors are off"
     arm.world.tick(5)
@@ -234,7 +234,7 @@ def test_the_gripper_of_targets_and_poses():
     assert [each.name for each in done] == ["CLOSE", "OPEN", "CLOSE", "OPEN"]
 
 
-def test_a_gripper_that_refuses_is_told():
+def test_a_gripper_that_refuses_is_reported():
     def refuse(_action):
         raise CommandError("no air")
 

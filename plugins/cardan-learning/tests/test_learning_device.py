@@ -125,7 +125,7 @@ def test_a_hands_pose_is_followed_from_where_it_took_hold():
 
 
 @pytest.mark.parametrize(("kind", "name"), [("delta", "gripper"), ("target", "gripper_vel")])
-def test_the_gripper_is_told_once(kind, name):
+def test_the_gripper_is_reported_once(kind, name):
     close, stay, open_ = (0.0, 1.0, 2.0) if kind == "delta" else (-1.0, 0.0, 1.0)
     held = Held(kind)
     held.update(REST, "left")
@@ -142,10 +142,10 @@ def test_what_buttons_say_of_an_episode():
     assert held.actions.events() == (False, False, False, False)
     held.update(REST, "left")
     assert held.actions.events().intervenes
-    for press, told in (("a", (True, True, False)), ("b", (True, False, False))):
+    for press, reported in (("a", (True, True, False)), ("b", (True, False, False))):
         held.update(press=(press,))
         held.update()
-        assert held.actions.events()[1:] == told
+        assert held.actions.events()[1:] == reported
         assert held.actions.events()[1:] == (False, False, False)
     held.update(press=("c",))
     assert held.actions.events()[1:] == (True, False, True)

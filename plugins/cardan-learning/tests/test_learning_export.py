@@ -39,7 +39,7 @@ def test_it_tells_what_it_has_written(record, tmp_path, without_lerobot):
     assert kept["rotation_vector_reference"] == pytest.approx([0.0, 0.0, 1.0])
 
 
-def test_gaps_are_told_and_make_it_incomplete(tmp_path, without_lerobot):
+def test_gaps_are_reported_and_make_it_incomplete(tmp_path, without_lerobot):
     times = [each for each in steadily(3.0) if not 1.5 < each < 2.5]
     report = export_lerobot([recorded(tmp_path / "r.mcap", times)], tmp_path / "set", fps=10)
     assert not report.complete
@@ -125,7 +125,9 @@ def test_lerobots_own_program_writes_where_it_is_there(record, tmp_path, monkeyp
     assert (tmp_path / "set/meta/cardan.json").is_file()
 
 
-def test_a_lerobot_of_another_version_is_not_used_and_that_is_told(record, tmp_path, monkeypatch):
+def test_a_lerobot_of_another_version_is_not_used_and_that_is_reported(
+    record, tmp_path, monkeypatch
+):
     installed(monkeypatch, "v2.1")
     report = export_lerobot([record], tmp_path / "set", fps=10)
     assert Dataset.made == ()
@@ -135,7 +137,7 @@ def test_a_lerobot_of_another_version_is_not_used_and_that_is_told(record, tmp_p
     )
 
 
-def test_a_lerobot_that_cannot_be_imported_is_told(record, tmp_path, monkeypatch):
+def test_a_lerobot_that_cannot_be_imported_is_reported(record, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "lerobot", types.ModuleType("lerobot"))
     report = export_lerobot([record], tmp_path / "set", fps=10)
     assert "written by Cardan (LeRobot cannot be imported:" in report.lines()[-1]

@@ -91,7 +91,7 @@ def test_a_rate_that_is_not_that_of_the_record(tmp_path):
         read_frames([path], 60)
 
 
-def test_stamps_that_go_back_are_left_out_and_told(tmp_path):
+def test_stamps_that_go_back_are_left_out_and_reported(tmp_path):
     times = steadily(1.0)
     times[20:20] = times[10:15]  # A clock that was set back by 0.2 s, for 0.1 s.
     frames = read_frames([recorded(tmp_path / "r.mcap", times)], 30)
@@ -103,7 +103,7 @@ def test_stamps_that_go_back_are_left_out_and_told(tmp_path):
         assert any(f"5 {what} left out: their stamps" in each for each in frames.problems)
 
 
-def test_in_a_gap_what_was_before_holds_and_the_gap_is_told(tmp_path):
+def test_in_a_gap_what_was_before_holds_and_the_gap_is_reported(tmp_path):
     times = [each for each in steadily(3.0) if not 1.5 < each < 2.5]
     frames = read_frames([recorded(tmp_path / "r.mcap", times)], 10)
     (episode,) = frames.episodes
@@ -132,7 +132,7 @@ def test_how_long_gaps_are_filled_is_an_option(tmp_path):
 
 
 @pytest.mark.parametrize("at", [0, 20])
-def test_an_instant_ahead_of_those_around_it_is_left_out_and_told(tmp_path, at):
+def test_an_instant_ahead_of_those_around_it_is_left_out_and_reported(tmp_path, at):
     times = steadily(1.0)
     times[at] += 3600.0
     frames = read_frames([recorded(tmp_path / "r.mcap", times)], 10)
@@ -154,7 +154,7 @@ def test_an_episode_each_engagement(tmp_path):
     assert len(whole.actions) == 31
 
 
-def test_an_engagement_that_is_too_short_is_told(tmp_path):
+def test_an_engagement_that_is_too_short_is_reported(tmp_path):
     def owner(at_s):
         return "hand" if 1.5 <= at_s < 1.54 or at_s > 2.0 else ""
 
@@ -196,7 +196,7 @@ def test_one_of_several_arms_has_its_own_joints(tmp_path):
         read_frames([path], 10, arm="middle")
 
 
-def test_what_is_no_number_is_left_out_and_told(tmp_path):
+def test_what_is_no_number_is_left_out_and_reported(tmp_path):
     rows = []
     for at_s in steadily(1.0):
         for log_s, where, message in instant(at_s):
@@ -287,7 +287,7 @@ def test_without_a_model_that_is_known_here_the_first_pose_decides(tmp_path, tab
     assert math.dist(frames.episodes[0].observations[0][5:8], frames.written.reference) < 1e-6
 
 
-def test_records_with_other_tools_are_told(tmp_path):
+def test_records_with_other_tools_are_reported(tmp_path):
     arm = {**UR5["arm"], "tool_rpy_deg": [0, 0, 90]}
     paths = [
         turned_record(tmp_path / f"{number}.mcap", (0.0, 0.0, 0.0), tables)

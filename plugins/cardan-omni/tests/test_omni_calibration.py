@@ -18,7 +18,7 @@ MANUAL, UNKNOWN = Calibration.NEEDS_MANUAL_INPUT, Calibration.UNKNOWN
 STEP_S = 0.01
 
 
-def told(answers, start_s=0.0, watch=None):
+def reported(answers, start_s=0.0, watch=None):
     """A watch that was given the answers 10 ms apart, and the time of the last."""
     watch = watch or CalibrationWatch()
     now_s = start_s
@@ -45,7 +45,7 @@ def test_a_calibrated_device_is_usable_once_it_has_settled():
 
 
 def test_from_a_cold_start_by_the_inkwell_to_use():
-    watch, now_s = told([MANUAL] * 30)
+    watch, now_s = reported([MANUAL] * 30)
     assert watch.state is Calibration.NEEDS_MANUAL_INPUT
     assert "put the stylus into the inkwell" in watch.reason(now_s)
     assert watch.on_answer(UPDATE, now_s + 0.01) is True
@@ -65,7 +65,7 @@ def test_an_update_without_effect_is_asked_for_again_but_not_in_every_tick():
 
 
 def test_a_lost_calibration_ends_the_use_at_once_and_settles_anew():
-    watch, now_s = told([OK] * 30)
+    watch, now_s = reported([OK] * 30)
     assert watch.usable(now_s)
     watch.on_answer(MANUAL, now_s + STEP_S)
     assert not watch.usable(now_s + STEP_S)
@@ -83,7 +83,7 @@ def test_the_words_grow_where_it_takes_long():
 
 
 def test_an_answer_that_nobody_knows_is_no_calibration():
-    watch, now_s = told([OK] * 30)
+    watch, now_s = reported([OK] * 30)
     assert watch.on_answer(UNKNOWN, now_s) is False
     assert watch.state is Calibration.UNKNOWN
     assert not watch.usable(now_s + 10.0)
@@ -115,7 +115,7 @@ def test_what_to_do_depends_on_the_style():
 
 @given(st.lists(st.sampled_from([OK, UPDATE, MANUAL, UNKNOWN]), max_size=60))
 def test_usable_only_after_a_whole_stretch_of_good_answers(answers):
-    watch, now_s = told(answers)
+    watch, now_s = reported(answers)
     tail = 0
     while tail < len(answers) and answers[-1 - tail] == OK:
         tail += 1

@@ -6,7 +6,7 @@ from cardan.doctor.files import read_files
 from cardan_omni import check
 from cardan_omni.check import Compiled
 from cardan_omni.driver.native import NativeMissingError
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 
 def test_the_doctor_looks_at_it():
@@ -17,13 +17,13 @@ def test_a_compiled_part_that_is_missing(monkeypatch, tmp_path):
     def missing():
         raise NativeMissingError("the compiled tick x.so is not there: install a compiler")
 
-    assert told(Compiled, Compiled.look(Subject())) in (
+    assert levels_and_codes(Compiled, Compiled.look(Subject())) in (
         [("good", "compiled")],
         [("caution", "compiled")],
     )
     monkeypatch.setattr(check, "tick_library", missing)
     found = list(Compiled.look(Subject()))
-    assert told(Compiled, found) == [("caution", "compiled")]
+    assert levels_and_codes(Compiled, found) == [("caution", "compiled")]
     assert found[0].what == "the compiled tick x.so is not there"
     file = tmp_path / "omni.toml"
     file.write_text(
@@ -32,4 +32,6 @@ def test_a_compiled_part_that_is_missing(monkeypatch, tmp_path):
     )
     config, wrong = read_files([file])
     assert not wrong
-    assert told(Compiled, Compiled.look(Subject((file,), config))) == [("failure", "compiled")]
+    assert levels_and_codes(Compiled, Compiled.look(Subject((file,), config))) == [
+        ("failure", "compiled")
+    ]

@@ -19,11 +19,11 @@ BY_HAND = {"HDAPI-126", "HDAPI-301"}
 def test_a_library_is_judged_in_real_time():
     device = SimulatedOmni(OmniSettings(virtual=False))
 
-    def told(words):
+    def reported(words):
         device.hand(buttons=int(words.startswith("Press")), docked=words.startswith("Put"))
 
     suite = registry.load("hdapi")
-    report, timeline = run.at(suite, str(device.path), Level.MOVE, told, seconds=0.5)
+    report, timeline = run.at(suite, str(device.path), Level.MOVE, reported, seconds=0.5)
     outcomes = {each.id: each.outcome for each in report.results}
     # Not those of times: this computer may stand still at any moment.
     assert {*report.failed} <= TIMED | BY_HAND, report.as_text()

@@ -113,7 +113,7 @@ def test_no_position_is_no_pose(position):
     assert bench.state.link is DeviceLink.LIVE
 
 
-def test_lost_and_closed_are_told_and_ticks_change_nothing_then():
+def test_lost_and_closed_are_reported_and_ticks_change_nothing_then():
     bench = Bench().live()
     bench.core.on_lost("unplugged", bench.now_s)
     bench.run(0.1)
@@ -264,7 +264,7 @@ def test_rotation_is_from_the_orientation_that_is_the_center():
 # -- words -------------------------------------------------------------------------------------
 
 
-def told(bench):
+def checked_snapshot(bench):
     return " | ".join(bench.core.diagnosis(bench.now_s))
 
 
@@ -275,7 +275,7 @@ def test_a_loop_of_500_hz_gives_a_pose_but_never_force():
         bench.run(0.01)
         assert bench.core.force_obstacle(bench.now_s)
     assert bench.state.link is DeviceLink.LIVE
-    assert "no force: the library's loop runs at 500 Hz" in told(bench)
+    assert "no force: the library's loop runs at 500 Hz" in checked_snapshot(bench)
     bench.every = 1
     bench.run(0.5)
     assert bench.core.force_obstacle(bench.now_s) == ""
@@ -307,12 +307,12 @@ def test_a_device_without_motors_gives_no_force():
 
 def test_what_deserves_attention_is_said():
     bench = Bench().live()
-    assert "the force is disabled" in told(bench)
+    assert "the force is disabled" in checked_snapshot(bench)
     bench.tick.enable()
     bench.temperature = 0.85
     bench.core.hint = "no real-time priority"
     bench.run(0.5)
-    words = told(bench)
+    words = checked_snapshot(bench)
     assert "motors are warm (85%" in words
     assert "no real-time priority" in words
     assert "disabled" not in words
@@ -320,13 +320,13 @@ def test_what_deserves_attention_is_said():
     bench.run(0.05)
     bench.ticking = True
     bench.run(0.2)
-    assert "ticks came late" in told(bench)
+    assert "ticks came late" in checked_snapshot(bench)
     bench.tick.pause()
     bench.run(0.05)
     assert bench.core.diagnosis(bench.now_s)[0] == "no force: paused on request"
 
 
-def test_a_fault_is_told_with_its_reason_and_what_to_do():
+def test_a_fault_is_reported_with_its_reason_and_what_to_do():
     bench = Bench().live()
     bench.tick.enable()
     bench.run(0.05)
@@ -335,33 +335,35 @@ def test_a_fault_is_told_with_its_reason_and_what_to_do():
     assert bench.core.snapshot.state is OperatingState.FAULT
     bench.position = (0.0, 0.0, 0.0)
     bench.run(0.1)
-    assert "no force until it is enabled again; fault: a number was not finite" in told(bench)
+    assert "no force until it is enabled again; fault: a number was not finite" in checked_snapshot(
+        bench
+    )
 
 
-def test_errors_of_the_library_are_told():
+def test_errors_of_the_library_are_reported():
     bench = Bench().live()
     bench.core.errors, bench.core.bad_readings = 7, 3
-    assert "3 times the device could not be read" in told(bench)
-    assert "7 errors of the library" in told(bench)
+    assert "3 times the device could not be read" in checked_snapshot(bench)
+    assert "7 errors of the library" in checked_snapshot(bench)
     metrics = bench.core.metrics(bench.now_s)
     assert (metrics["library_errors"], metrics["bad_readings"]) == (7, 3)
 
 
-def test_a_callback_that_nearly_fills_its_millisecond_is_told():
+def test_a_callback_that_nearly_fills_its_millisecond_is_reported():
     bench = Bench().live()
     snapshot = bench.tick.snapshot()
     bench.core.on_snapshot(snapshot._replace(tick_cost_s=0.8e-3), bench.now_s)
-    assert "a tick of the force loop took" not in told(bench)
+    assert "a tick of the force loop took" not in checked_snapshot(bench)
     bench.core.on_snapshot(snapshot._replace(tick_cost_s=0.85e-3), bench.now_s)
     bench.core.on_snapshot(snapshot, bench.now_s)
     bench.core.taken(bench.now_s)
-    assert "a tick of the force loop took 0.85 ms, of 1 ms there is" in told(bench)
+    assert "a tick of the force loop took 0.85 ms, of 1 ms there is" in checked_snapshot(bench)
 
 
-def test_numbers_of_another_locale_are_told_whether_or_not_it_is_open():
+def test_numbers_of_another_locale_are_reported_whether_or_not_it_is_open():
     bench = Bench().live()
     bench.core.numbers_hint = "LC_NUMERIC must be C"
-    assert "LC_NUMERIC must be C" in told(bench)
+    assert "LC_NUMERIC must be C" in checked_snapshot(bench)
     bench.core.on_lost("no valid license", bench.now_s)
     assert bench.core.diagnosis(bench.now_s) == ["no valid license", "LC_NUMERIC must be C"]
     bench.core.on_lost("it cannot be opened; LC_NUMERIC must be C", bench.now_s)
@@ -408,9 +410,9 @@ def rendering(bench):
         bench.tick.command(HapticCommand(k + 1, bench.now_s, True, force=Vector3(0.1, 0.0, 0.0)))
         bench.run(0.01)
     bench.look()
-    told = bench.core.told(bench.now_s)
-    assert told.rendering
-    assert told.force.x == pytest.approx(0.1, abs=1e-3)
+    snapshot = bench.core.checked_snapshot(bench.now_s)
+    assert snapshot.rendering
+    assert snapshot.force.x == pytest.approx(0.1, abs=1e-3)
     return bench
 
 
@@ -418,11 +420,15 @@ def test_a_snapshot_that_is_too_old_tells_no_force():
     bench = rendering(Bench().live())
     bench.ticking = False
     bench.run(0.019)
-    assert bench.core.told(bench.now_s).force.x > 0.05
+    assert bench.core.checked_snapshot(bench.now_s).force.x > 0.05
     bench.run(0.003)
-    told = bench.core.told(bench.now_s)
-    assert (told.force, told.force_commanded, told.rendering) == (ZERO3, ZERO3, False)
-    assert "20 ms" in told.reason
+    snapshot = bench.core.checked_snapshot(bench.now_s)
+    assert (
+        snapshot.force,
+        snapshot.force_commanded,
+        snapshot.rendering,
+    ) == (ZERO3, ZERO3, False)
+    assert "20 ms" in snapshot.reason
     assert bench.core.taken(bench.now_s).force == ZERO3
     assert bench.core.metrics(bench.now_s)["force_n"] == 0.0
 
@@ -433,12 +439,12 @@ def test_a_fault_keeps_its_reason_when_nothing_ticks_any_more():
     bench.run(0.02)
     bench.ticking = False
     bench.run(0.1)
-    told = bench.core.told(bench.now_s)
-    assert told.state is OperatingState.FAULT
-    assert told.reason == "fault: a number was not finite"
+    snapshot = bench.core.checked_snapshot(bench.now_s)
+    assert snapshot.state is OperatingState.FAULT
+    assert snapshot.reason == "fault: a number was not finite"
 
 
-def test_a_loop_that_is_too_slow_is_told_as_no_force():
+def test_a_loop_that_is_too_slow_is_reported_as_no_force():
     bench = rendering(Bench().live())
     snapshot = bench.tick.snapshot()
     for _ in range(40):
@@ -447,13 +453,13 @@ def test_a_loop_that_is_too_slow_is_told_as_no_force():
             snapshot._replace(stamp_s=bench.now_s, rate_hz=500.0, calibration=Calibration.OK),
             bench.now_s,
         )
-    told = bench.core.told(bench.now_s)
-    assert told.state is OperatingState.ENABLED
-    assert (told.force, told.rendering) == (ZERO3, False)
-    assert "Hz, and force needs 1000" in told.reason
+    snapshot = bench.core.checked_snapshot(bench.now_s)
+    assert snapshot.state is OperatingState.ENABLED
+    assert (snapshot.force, snapshot.rendering) == (ZERO3, False)
+    assert "Hz, and force needs 1000" in snapshot.reason
 
 
-def test_no_rate_is_told_of_a_loop_that_stands_still():
+def test_no_rate_is_reported_a_loop_that_stands_still():
     bench = Bench().live()
     assert bench.tick.snapshot().rate_hz == pytest.approx(1000.0, rel=0.02)
     bench.core.on_lost("unplugged", bench.now_s)

@@ -37,7 +37,7 @@ def test_all_of_it_is_found_by_name():
     assert {file for file in example_files() if file.parent == EXAMPLES} == {*EXAMPLES.iterdir()}
 
 
-def test_a_hand_that_drew_is_told_what_it_felt(monkeypatch, capsys):
+def test_a_hand_that_drew_is_reported_what_it_felt(monkeypatch, capsys):
     pretend(monkeypatch, dataclasses.replace(DRAWN, finished=True))
     assert run_demo(10.0, "omni") == EXIT_OK
     said = " ".join(capsys.readouterr().out.split())

@@ -230,7 +230,7 @@ def test_from_a_cold_start_through_the_inkwell_to_force(bench):
     assert omni.haptics().state is OperatingState.ENABLED
 
 
-def test_open_waits_for_the_calibration_if_it_is_told_to(bench):
+def test_open_waits_for_the_calibration_if_it_is_asked_to(bench):
     omni = bench.device(calibration_wait_s=5.0)
     omni.open()
     until(lambda: omni.haptics().calibration.value == "ok")
@@ -644,7 +644,7 @@ def test_two_threads_may_close_at_once_and_open_meanwhile(bench, round_):
     omni.enable(wait_s=1.0)
 
 
-def test_enable_never_waits_unless_told_to(bench):
+def test_enable_never_waits_unless_asked_to(bench):
     omni = bench.device()
     omni.open()
     began_s = time.monotonic()
@@ -750,7 +750,7 @@ def test_a_force_lasts_one_frame_whatever_becomes_of_the_program(bench):
     tick.close()
 
 
-def test_warm_motors_are_told(bench):
+def test_warm_motors_are_reported(bench):
     omni, repeat = bench.rendering()
     bench.sim.fault("warm-motors")
     until(lambda: repeat() or omni.haptics().force == ZERO3)
@@ -758,7 +758,7 @@ def test_warm_motors_are_told(bench):
     bench.sim.fault("warm-motors", 0)
 
 
-def test_numbers_of_another_locale_are_told_also_after_a_failure(bench, monkeypatch):
+def test_numbers_of_another_locale_are_reported_also_after_a_failure(bench, monkeypatch):
     omni = bench.live()
     assert not any("LC_NUMERIC" in words for words in omni.diagnosis())
     omni.close()

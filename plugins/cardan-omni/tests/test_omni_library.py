@@ -221,7 +221,7 @@ def test_a_dependency_that_is_missing_is_named(tmp_path, dependency, advice):
 
 
 @needs_compiler
-def test_a_device_driver_of_another_release_is_told(tmp_path):
+def test_a_device_driver_of_another_release_is_reported(tmp_path):
     path = compiled(tmp_path, "libHD.so", "int newer(void); int hd(void) { return newer(); }")
     with pytest.raises(DeviceAccessError, match=r"it lacks newer\b.*same release"):
         library.load(path)

@@ -107,10 +107,10 @@ def test_the_environment_of_a_program(monkeypatch):
 @compiled
 def test_the_program_gets_its_words_and_its_exit_code_is_passed_on():
     program = "import os, sys; print(sys.argv[1:], os.path.exists(os.environ['CARDAN_OMNI']))"
-    told = cardan("--seed", 3, "--", sys.executable, "-c", program, "--seed", "4", "--", "x")
-    assert told == "['--seed', '4', '--', 'x'] True\n"
-    told = cardan(sys.executable, "-c", program, "--library")
-    assert told == "['--library'] True\n"
+    reported = cardan("--seed", 3, "--", sys.executable, "-c", program, "--seed", "4", "--", "x")
+    assert reported == "['--seed', '4', '--', 'x'] True\n"
+    reported = cardan(sys.executable, "-c", program, "--library")
+    assert reported == "['--library'] True\n"
     cardan("--", sys.executable, "-c", "raise SystemExit(7)", code=7)
     killed = "import os; os.kill(os.getpid(), 9)"
     cardan("--", sys.executable, "-c", killed, code=128 + signal.SIGKILL)
@@ -120,12 +120,12 @@ def test_the_program_gets_its_words_and_its_exit_code_is_passed_on():
 def test_the_settings_that_the_program_gets(tmp_path):
     program = "import os; print(open(os.environ['CARDAN_OMNI']).read())"
     arguments = ("--cold", "--model", "touch", "--fault", "jitter=50@2", "--script", "inkwell")
-    told = cardan(
+    reported = cardan(
         *arguments, "--log", tmp_path / "truth", "--", sys.executable, "-c", program
     ).splitlines()
     for line in ("powered cold", 'model "Touch"', "fault jitter 50 2", f"log {tmp_path}/truth"):
-        assert line in told
-    first = next(line for line in told if line.startswith("waypoint"))
+        assert line in reported
+    first = next(line for line in reported if line.startswith("waypoint"))
     assert first.split()[10] == "1"  # docked
 
 
@@ -192,11 +192,11 @@ def test_an_ended_guard_does_no_harm(monkeypatch):
 
 
 @compiled
-def test_a_log_that_cannot_be_written_is_told_before_the_program_runs(tmp_path):
+def test_a_log_that_cannot_be_written_is_reported_before_the_program_runs(tmp_path):
     log = tmp_path / "nowhere" / "truth.csv"
-    told = cardan("--log", log, "--", "sh", "-c", "echo it ran", code=2)
-    assert "truth.csv' cannot be written: No such file" in " ".join(told.split())
-    assert "it ran" not in told
+    reported = cardan("--log", log, "--", "sh", "-c", "echo it ran", code=2)
+    assert "truth.csv' cannot be written: No such file" in " ".join(reported.split())
+    assert "it ran" not in reported
 
 
 USES = """
@@ -226,15 +226,15 @@ if sys.argv[1] > "2":
 def test_no_rows_in_the_log_are_worth_a_word(tmp_path, does, code, words):
     log = tmp_path / "truth.csv"
     log.write_text("of another run\n1\n2\n")
-    told = cardan("--log", log, "--", sys.executable, "-c", USES, does, code=code)
-    assert ("warning: --log" in told) is bool(words)
-    assert words in told
+    reported = cardan("--log", log, "--", sys.executable, "-c", USES, does, code=code)
+    assert ("warning: --log" in reported) is bool(words)
+    assert words in reported
     assert "another run" not in log.read_text()
     assert bool(words) is (len(log.read_text().splitlines()) < 20)
 
 
 @compiled
-def test_after_its_seconds_the_program_is_told_to_end():
+def test_after_its_seconds_the_program_is_asked_to_end():
     waits = "import time; print('up', flush=True); time.sleep(40)"
     assert cardan("--seconds", 1, "--", sys.executable, "-c", waits) == "up\n"
     assert "told" in cardan("--seconds", 1, "--", sys.executable, "-c", WAITS, code=5)

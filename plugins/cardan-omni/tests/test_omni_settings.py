@@ -60,8 +60,8 @@ def test_the_text_of_everything(tmp_path):
 
 def test_the_noise_of_the_gimbal_is_that_of_the_model_unless_it_is_said():
     assert lines(OmniSettings(model="touch"), "gimbal_noise") == ["gimbal_noise 0"]
-    told = OmniSettings(model="touch", gimbal_noise_lsb=2.5)
-    assert lines(told, "gimbal_noise") == ["gimbal_noise 2.5"]
+    reported = OmniSettings(model="touch", gimbal_noise_lsb=2.5)
+    assert lines(reported, "gimbal_noise") == ["gimbal_noise 2.5"]
     with pytest.raises(OptionError, match=r"gimbal_noise_lsb: -1\.0 is not allowed"):
         OmniSettings(gimbal_noise_lsb=-1.0)
 

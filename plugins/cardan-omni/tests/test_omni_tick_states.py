@@ -120,7 +120,7 @@ def test_buttons_do_not_hold_each_other_up_and_time_counts_not_ticks() -> None:
     assert bench.state.buttons == 0
 
 
-def test_a_snapshot_tells_what_the_device_told() -> None:
+def test_a_snapshot_tells_what_the_device_reported() -> None:
     bench = Bench()
     assert bench.state.pose is None
     turn = rotation(0.4, -1.2, 2.9)

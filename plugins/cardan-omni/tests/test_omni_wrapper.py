@@ -295,7 +295,7 @@ def test_addresses():
 # -- the page ----------------------------------------------------------------------------------
 
 
-def told():
+def reported():
     page = PAGE.read_text(encoding="utf-8")
     start = page.index("## The haptic device: `cardan sim omni`")
     end = re.search(r"^## ", page[start + 3 :], re.MULTILINE)
@@ -303,7 +303,7 @@ def told():
 
 
 def blocks(language):
-    found = re.findall(r"^```(\w*)\n(.*?)^```$", told(), re.MULTILINE | re.DOTALL)
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", reported(), re.MULTILINE | re.DOTALL)
     return [text for name, text in found if name == language]
 
 

@@ -16,11 +16,11 @@ REST = (0.0,) * 6
 class Bench:
     """A simulated device, a conversation and a core, wired to each other."""
 
-    def __init__(self, key, faults=None, told=True, jitter_lsb=0, boot_s=None):
+    def __init__(self, key, faults=None, known_model=True, jitter_lsb=0, boot_s=None):
         self.puck = simulated_serial_puck(
             serial_model_by_key(key), faults=faults, jitter_lsb=jitter_lsb, boot_s=boot_s
         )
-        self.told = serial_model_by_key(key) if told else None
+        self.known_model = serial_model_by_key(key) if known_model else None
         self.core = SerialMouseCore(PLAIN)
         self.now_s = 0.0
         self.states = []
@@ -32,7 +32,7 @@ class Bench:
 
     def connect(self):
         self.puck.power(True)
-        self.session = SerialSession(self.told, self.now_s)
+        self.session = SerialSession(self.known_model, self.now_s)
         self.opened = False
 
     def run(self, seconds, axes=None):

@@ -18,7 +18,7 @@ def test_all_of_it_is_found_by_name():
     assert "spacemouse_serial" in find_demos()["spacemouse-serial"].drivers
 
 
-def test_programs_of_spacenavd_are_told_what_it_is():
+def test_programs_of_spacenavd_are_reported_what_it_is():
     assert identity_of(SpaceMouseSerial(model="magellan")).device_type == 0x103
 
 

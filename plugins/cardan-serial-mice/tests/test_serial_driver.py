@@ -48,10 +48,10 @@ def test_of_a_model_that_nobody_knows_the_nearest_is_named():
         SpaceMouseSerialOptions(model="spacebal-4000")
 
 
-@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("known_model", [True, False])
 @pytest.mark.parametrize("key", MODELS)
-def test_every_model_is_found_started_and_followed(key, told):
-    bench = Bench(key, told=told)
+def test_every_model_is_found_started_and_followed(key, known_model):
+    bench = Bench(key, known_model=known_model)
     assert bench.run(3.0).link is DeviceLink.NEEDS_NEUTRAL
     assert bench.session.model.key == key
     assert bench.touch().link is DeviceLink.LIVE
@@ -67,7 +67,7 @@ def test_every_model_is_found_started_and_followed(key, told):
 
 @pytest.mark.parametrize("key", MODELS)
 def test_every_button_is_heard(key):
-    bench = Bench(key, told=False).live()
+    bench = Bench(key, known_model=False).live()
     labels = list(bench.puck.model.buttons.values())
     bench.core.events()
     for label in labels:
@@ -86,7 +86,7 @@ def test_a_button_that_is_down_at_the_start_is_heard():
     assert bench.run(3.0).buttons == {"3"}
 
 
-def test_a_spaceball_of_an_ambiguous_firmware_is_told_by_its_keys():
+def test_a_spaceball_of_an_ambiguous_firmware_is_reported_by_its_keys():
     session = SerialSession(None, 0.0)
     session.receive(b"@1 Spaceball alive and well.\r@2 Firmware version 2.42 created.\r", 0.1)
     assert session.model.key == "spaceball-2003"
@@ -230,7 +230,7 @@ def test_a_stalled_line_does_not_move_late():
 @pytest.mark.parametrize("key", MODELS)
 @pytest.mark.parametrize("fault", ["mute", "deaf"])
 def test_what_does_not_answer_is_given_up(key, fault):
-    bench = Bench(key, faults={fault: 1.0}, told=False)
+    bench = Bench(key, faults={fault: 1.0}, known_model=False)
     bench.run(DETECT_TIMEOUT_S + 0.2)
     if fault == "deaf" and key == "spaceorb":
         assert bench.failures == []  # it needs no question
@@ -245,7 +245,7 @@ def test_what_does_not_answer_is_given_up(key, fault):
 
 def test_another_device_than_the_one_said_to_be_there():
     bench = Bench("magellan")
-    bench.told = serial_model_by_key("spaceorb")
+    bench.known_model = serial_model_by_key("spaceorb")
     bench.run(DETECT_TIMEOUT_S + 0.2)
     assert "no SpaceOrb 360 answers" in bench.failures[0][1]
 
@@ -338,7 +338,7 @@ def test_a_release_that_is_lost_in_motion_is_heard_by_asking(key, spoil):
 
 
 @pytest.mark.parametrize("key", ASKED)
-def test_keys_that_are_not_told_are_released_and_wait_for_rest(key):
+def test_keys_that_are_not_reported_are_released_and_wait_for_rest(key):
     bench = moving_with_a_key(key)
     label = first_of(bench)
     bench.core.events()

@@ -217,7 +217,7 @@ def test_a_hand_is_followed_packet_by_packet(hand, key):
 
 
 @pytest.mark.parametrize("key", SPACEBALLS)
-def test_the_bits_of_a_gentle_push_are_refused_and_told(key):
+def test_the_bits_of_a_gentle_push_are_refused_and_reported(key):
     bench = Followed(key)
     push = bench.packet((0.0, 0.0, 0.0125, 0.0, 0.0, 0.0))  # 100 counts
     for _ in range(3):

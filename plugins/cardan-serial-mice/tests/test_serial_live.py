@@ -6,8 +6,8 @@ import pytest
 
 from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
+from tests.scripted_operator import ScriptedOperator
 from tests.serving import in_a_thread
-from tests.told_motion import ToldMotion
 
 TIMED = {
     "MAG-004", "MAG-005", "MAG-101", "BALL-102", "BALL-103", "BALL-104", "BALL-106", "BALL-107",
@@ -29,12 +29,12 @@ UNPLUGGED = {"MAG-301", "BALL-301", "ORB-301"}
     ],
 )
 def test_serial_devices_are_judged_at_a_port(suite, model, tmp_path):
-    motion = ToldMotion()
+    motion = ScriptedOperator()
     peer = SerialPuckPeer(SerialPuckPeerOptions(port=str(tmp_path / "port"), model=model))
     peer.motion = motion
     with in_a_thread(peer):
         found = registry.load(suite)
-        report, _ = run.at(found, peer.endpoint, Level.HOLD, motion.told.put, seconds=1.0)
+        report, _ = run.at(found, peer.endpoint, Level.HOLD, motion.instructions.put, seconds=1.0)
     # Not those of times: this computer may stand still at any moment.
     assert {*report.failed} <= TIMED, report.as_text()
     unseen = {each.id for each in report.results if each.outcome is VerdictOutcome.NOT_SEEN}

@@ -116,7 +116,7 @@ def test_the_start_up_of_inputattach():
     assert port.say(b"m3\rpBB\rz\r") == b"m3\rpBB\rz\r"
 
 
-def test_settings_are_kept_and_told():
+def test_settings_are_kept_and_reported():
     port = Port("magellan")
     port.run(1.0)
     for setting in (b"m3", b"c3B", b"nA", b"qAB", b"pBB"):
@@ -210,7 +210,7 @@ def test_a_command_without_its_end_makes_it_mute():
 # -- Spaceball ---------------------------------------------------------------------------------
 
 
-def test_a_spaceball_greets_and_waits_to_be_told():
+def test_a_spaceball_greets_and_waits_to_be_reported():
     port = Port("spaceball-3003")
     assert port.run(1.0).startswith(
         b"\x11\r@1 Spaceball alive and well after a poweron reset.\r@2 "
@@ -359,11 +359,11 @@ def test_questions_to_a_spaceorb():
     port = Port("spaceorb")
     port.run(1.5)
     port.say(b"?\r")
-    told = [value.data for _, value in port.values if hasattr(value, "data")]
-    assert told[0].startswith(b"1 Spaceball (R)")
+    known_model = [value.data for _, value in port.values if hasattr(value, "data")]
+    assert known_model[0].startswith(b"1 Spaceball (R)")
     port.say(b"N\x85\rn\r")
-    told = [value.data for _, value in port.values if hasattr(value, "data")]
-    assert told[-2:] == [b"\x05", b"\x05"]
+    known_model = [value.data for _, value in port.values if hasattr(value, "data")]
+    assert known_model[-2:] == [b"\x05", b"\x05"]
     port.puck.set_axes((0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
     port.puck.press("rezero")
     port.run(0.2)
@@ -438,28 +438,28 @@ def test_a_line_that_is_bad_for_keys(key, fault):
         port = Port(key, faults=faults)
         port.run(1.5)
         label = next(iter(port.puck.model.buttons.values()))
-        told = []
+        known_model = []
         for _ in range(4):
             port.puck.press(label)
-            told.append(port.run(0.05))
+            known_model.append(port.run(0.05))
             port.puck.release(label)
-            told.append(port.run(0.05))
-        return told
+            known_model.append(port.run(0.05))
+        return known_model
 
     good, bad = packets({}), packets({fault: 2.0})
     # Of a SpaceOrb, the packet of its start was the first.
     odd = slice(int(key != "spaceorb"), None, 2)
     even = slice(int(key == "spaceorb"), None, 2)
     assert bad[even] == good[even]
-    for told, expected in zip(bad[odd], good[odd], strict=True):
-        assert told != expected
+    for known_model, expected in zip(bad[odd], good[odd], strict=True):
+        assert known_model != expected
         assert (
-            len(told)
+            len(known_model)
             == {
                 "key-lost": 0,
                 "key-parity": len(expected),
                 "key-half": len(expected) // 2,
-                "key-garbage": max(len(told), len(expected) + 1),
+                "key-garbage": max(len(known_model), len(expected) + 1),
             }[fault]
         )
 

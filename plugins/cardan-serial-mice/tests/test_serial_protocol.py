@@ -222,7 +222,7 @@ def test_what_else_a_spaceball_says():
         ("1 Spaceball alive and well after a poweron reset.", None),
     ],
 )
-def test_a_spaceball_is_told_by_its_firmware(text, key):
+def test_a_spaceball_is_reported_by_its_firmware(text, key):
     model = model_of_firmware(text)
     assert (model.key if model else None) == key
 

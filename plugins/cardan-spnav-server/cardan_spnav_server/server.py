@@ -208,9 +208,9 @@ class SpnavService:
         identity: DeviceIdentity | Callable[[], DeviceIdentity] | None = None,
     ) -> None:
         options = options or SpnavServerOptions()
-        told = identity or DeviceIdentity(options.name or DEFAULT_NAME)
+        reported = identity or DeviceIdentity(options.name or DEFAULT_NAME)
         self._buttons = buttons if callable(buttons) else lambda: buttons
-        self._identify = told if callable(told) else lambda: told
+        self._identify = reported if callable(reported) else lambda: reported
         self._core = SpnavServerCore(full_scale=options.full_scale)
         self._server = SpnavServer(self._core, options)
         self._stop = threading.Event()

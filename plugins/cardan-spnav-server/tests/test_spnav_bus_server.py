@@ -97,18 +97,18 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
 
 def test_the_server_tells_what_its_options_mean():
     assert registry.load("spnav") is SpnavBusServer
-    told = said("spnav", "--help")
+    reported = said("spnav", "--help")
     for words in ("--socket", "--topic", "--model", "--domain", SpnavBusServer.epilog):
-        assert words in told
+        assert words in reported
 
 
 @pytest.mark.parametrize("model", [m for m in MODELS if m.buttons], ids=lambda m: m.key)
-def test_a_model_behind_the_bus_is_told_as_one_that_is_open(model):
+def test_a_model_behind_the_bus_is_reported_as_one_that_is_open(model):
     mouse = SpaceMouse(model=model.key)
-    known, told = identity_of(mouse), SpnavServerOptions(model=model.key).identity
-    assert told._replace(button_numbers={}) == known._replace(button_numbers={})
+    known, reported = identity_of(mouse), SpnavServerOptions(model=model.key).identity
+    assert reported._replace(button_numbers={}) == known._replace(button_numbers={})
     for place, label in enumerate(mouse.capabilities.buttons):
-        assert told.button_numbers[f"button-{place}"] == known.button_numbers[label]
+        assert reported.button_numbers[f"button-{place}"] == known.button_numbers[label]
 
 
 def test_a_model_has_the_name_that_is_given():

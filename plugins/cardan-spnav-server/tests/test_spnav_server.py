@@ -280,13 +280,13 @@ def test_buttons_may_be_known_only_once_the_device_is_plugged_in(path):
 
 
 def test_what_the_device_is_may_be_known_only_once_it_is_plugged_in(path):
-    told = [DeviceIdentity()]
+    reported = [DeviceIdentity()]
     options = SpnavServerOptions(socket=str(path))
-    service = SpnavService((), options, lambda: told[0])
+    service = SpnavService((), options, lambda: reported[0])
     service.offer(device_state(link=DeviceLink.LOST), ())
     service.start()
     program = Program(path, version=1)
-    told[0] = DeviceIdentity("Pro", "", 0x20D, 0x256F, 0xC631)
+    reported[0] = DeviceIdentity("Pro", "", 0x20D, 0x256F, 0xC631)
     service.offer(device_state(PUSH), ())
     change = program.until(lambda value: isinstance(value, DeviceChange))
     assert change == DeviceChange(True, 0, 0x20D, 0x256F, 0xC631)
@@ -518,7 +518,7 @@ class Resting(HidLink):
 @pytest.mark.parametrize(
     ("key", "device_type"), [("spacenavigator", 0x206), ("spacemouse-pro-wireless", 0x20D)]
 )
-def test_libspnav_is_told_which_spacemouse_it_is(path, library, key, device_type):
+def test_libspnav_is_reported_which_spacemouse_it_is(path, library, key, device_type):
     model = model_by_key(key)
     mouse = SpaceMouse(transports=[OneDevice(model)])
     options = SpnavServerOptions(socket=str(path))

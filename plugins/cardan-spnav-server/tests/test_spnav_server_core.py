@@ -140,7 +140,7 @@ def test_rest_is_silent():
     assert bench.run_and_take(program, 1.0) == []
 
 
-def test_full_scale_is_what_it_is_told_to_be():
+def test_full_scale_is_what_it_is_asked_to_be():
     bench = Bench(full_scale=500.0)
     program = bench.program()
     bench.offer((0.0, 0.0, 1.0, 0.0, -1.0, 0.0))
@@ -229,15 +229,15 @@ def test_left_and_right_of_a_device_that_lists_none_have_the_numbers_0_and_1(fir
 def test_buttons_of_a_device_that_lists_none(pressed, numbers):
     bench = Bench()
     program = bench.program(version=1)
-    told = []
+    reported = []
     for button in pressed:
         bench.offer(REST, (button, True), (button, False))
-        told += [v.number for v in program.take() if isinstance(v, Button) and v.pressed]
-        assert program.ask(Code.DEV_NBUTTONS).data[0] == max(told) + 1
-    assert tuple(told) == numbers
+        reported += [v.number for v in program.take() if isinstance(v, Button) and v.pressed]
+        assert program.ask(Code.DEV_NBUTTONS).data[0] == max(reported) + 1
+    assert tuple(reported) == numbers
 
 
-def test_a_device_is_told_of_again_when_it_has_more_buttons_than_were_known():
+def test_a_device_is_reported_again_when_it_has_more_buttons_than_were_known():
     bench = Bench()
     program = bench.program(version=1)
     assert program.ask(Code.DEV_NBUTTONS).data[0] == 0
@@ -280,7 +280,7 @@ def test_a_button_that_was_not_named_gets_the_next_number():
     assert program.ask(Code.DEV_NBUTTONS).data[0] == 2
 
 
-def test_buttons_that_are_told_later_follow_in_their_order():
+def test_buttons_that_are_reported_later_follow_in_their_order():
     bench = Bench("left")
     program = bench.program(version=1)
     bench.core.name_buttons(("right", "left", "top"))
@@ -534,7 +534,7 @@ def test_masks():
     assert {type(value) for value in program.take()} == {MotionEvent}
 
 
-def test_what_ended_while_it_was_left_out_is_told_once_it_is_asked_for():
+def test_what_ended_while_it_was_left_out_is_reported_once_it_is_asked_for():
     bench = Bench("left", "right", "top")
     program = bench.program(version=1)
     bench.offer(PUSH, ("left", True), ("top", True))
@@ -567,7 +567,7 @@ def test_motion_beyond_32_bits_is_clamped():
 # -- plugging -----------------------------------------------------------------------------------
 
 
-def test_programs_of_version_1_are_told_of_plugging():
+def test_programs_of_version_1_are_reported_plugging():
     identity = DeviceIdentity("x", "", 0x206, 0x046D, 0xC626)
     bench = Bench(plugged=False, identity=identity)
     new, old = bench.program(version=1), bench.program()

@@ -53,7 +53,7 @@ def counts_of(axes, identity, full_scale=None):
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda m: m.key)
-def test_every_usb_model_is_told_by_name_type_and_id(model):
+def test_every_usb_model_is_reported_by_name_type_and_id(model):
     identity = identity_of(usb_mouse(model))
     assert identity.name == model.name
     assert (identity.vendor_id, identity.product_id) == (model.vendor_id, model.product_id)
@@ -112,7 +112,7 @@ def numbers_of(mouse):
     number = core.connect(0.0)
     core.receive(number, encode_handshake(1), 0.0)
     core.offer(DeviceState(1.0, DeviceLink.LIVE, (0.0,) * 6, frozenset()), (), 1.0)
-    reader, told = ServerReader(), {}
+    reader, reported = ServerReader(), {}
     while record := core.outgoing(number, 2.0):
         reader.feed(record)
         core.sent(number, len(record))
@@ -123,11 +123,11 @@ def numbers_of(mouse):
         while record := core.outgoing(number, 2.0):
             values += reader.feed(record)
             core.sent(number, len(record))
-        told[label] = [value.number for value in values if isinstance(value, Button)]
+        reported[label] = [value.number for value in values if isinstance(value, Button)]
     core.receive(number, encode_request(Code.DEV_NBUTTONS), 2.0)
     (count,) = reader.feed(core.outgoing(number, 2.0))
-    assert all(down == up for down, up in told.values())
-    return {label: down for label, (down, _) in told.items()}, count.data[0]
+    assert all(down == up for down, up in reported.values())
+    return {label: down for label, (down, _) in reported.items()}, count.data[0]
 
 
 @pytest.mark.parametrize("model", [m for m in MODELS if not m.receiver], ids=lambda m: m.key)
@@ -161,7 +161,7 @@ def test_another_device_has_its_own_numbers():
     mice = [usb_mouse(model_by_key(f"spacemouse-{key}")) for key in ("pro", "enterprise")]
     number = core.connect(0.0)
     core.receive(number, encode_handshake(1), 0.0)
-    reader, told = ServerReader(), []
+    reader, reported = ServerReader(), []
     for mouse in (*mice, mice[0]):
         core.offer(DeviceState(1.0, DeviceLink.LOST, (0.0,) * 6, frozenset()), (), 1.0)
         core.identify(identity_of(mouse))
@@ -169,9 +169,9 @@ def test_another_device_has_its_own_numbers():
         edges = [ButtonEvent(1.0, "menu", True)]
         core.offer(DeviceState(1.0, DeviceLink.LIVE, (0.0,) * 6, frozenset()), edges, 1.0)
         while record := core.outgoing(number, 2.0):
-            told += [each for each in reader.feed(record) if isinstance(each, Button)]
+            reported += [each for each in reader.feed(record) if isinstance(each, Button)]
             core.sent(number, len(record))
-    assert [button.number for button in told if button.pressed] == [4, 12, 4]
+    assert [button.number for button in reported if button.pressed] == [4, 12, 4]
 
 
 def test_a_full_scale_that_is_given_counts_for_every_device():

@@ -10,8 +10,8 @@ import pytest
 from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan.errors import AddressError
 from cardan_spnav_server.conform.scenario import ALONE, MASKED, SAME, SCALED
+from tests.scripted_operator import ScriptedOperator
 from tests.spacenavd import spacenavd
-from tests.told_motion import ToldMotion
 
 UNMET = {"SPNAV-112"}
 """Requirements that spacenavd 1.1 does not meet: it does not announce a changed setting."""
@@ -20,12 +20,12 @@ UNMET = {"SPNAV-112"}
 @pytest.mark.matrix
 def test_spacenavd_meets_what_our_own_server_does():
     """And where it does not, it is known and said in the plug-in's README."""
-    hand = ToldMotion((*SAME, *SCALED, *MASKED, *ALONE))
+    hand = ScriptedOperator((*SAME, *SCALED, *MASKED, *ALONE))
     suite = registry.load("spnav")
     with tempfile.TemporaryDirectory(prefix="cardan-") as folder:  # A socket's path is short.
         daemon = spacenavd(Path(folder), "0.1 neutral", motion=hand, jitter_lsb=1)
         with daemon as (path, _):
-            report, _ = run.at(suite, str(path), Level.HOLD, hand.told.put, seconds=1.0)
+            report, _ = run.at(suite, str(path), Level.HOLD, hand.instructions.put, seconds=1.0)
     outcomes = {each.id: each.outcome for each in report.results}
     # Not those of times: this computer may stand still at any moment.
     timed = {"SPNAV-007", "SPNAV-011", "SPNAV-101", "SPNAV-102", "SPNAV-103"}

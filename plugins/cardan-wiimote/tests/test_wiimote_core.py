@@ -296,7 +296,7 @@ def test_full_tilt():
     )
 
 
-def test_roll_fades_where_it_cannot_be_told():
+def test_roll_fades_where_it_cannot_be_reported():
     bench = Bench()
     bench.ready()
     bench.press("a")
@@ -731,7 +731,7 @@ def test_closed_is_closed():
     assert bench.core.outgoing(bench.now_s) == []
 
 
-def test_its_inertial_sensors_are_told_while_they_are_heard():
+def test_its_inertial_sensors_are_reported_while_they_are_heard():
     bench = Bench(WiimoteOptions(motion_plus="on"), motion_plus=True)
     bench.ready()
     bench.tilt(right_deg=30.0)

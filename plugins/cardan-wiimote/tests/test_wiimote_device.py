@@ -198,9 +198,9 @@ def test_feedback_reaches_the_remote(tmp_path, idle):
         until(lambda: peer.device.rumble)
         wiimote.close()
         until(lambda: not peer.device.connected)
-        told = [entry.what for entry in peer.device.log]
-        motor = [index for index, what in enumerate(told) if "rumble" in what]
-        assert "rumble off" in told[motor[-1]]
+        reported = [entry.what for entry in peer.device.log]
+        motor = [index for index, what in enumerate(reported) if "rumble" in what]
+        assert "rumble off" in reported[motor[-1]]
 
 
 @pytest.mark.real
@@ -405,8 +405,8 @@ def test_the_list_has_the_remedy_that_the_diagnosis_has(monkeypatch):
     remote = FIRST._replace(kernel_driver=True)
     listed = what_is_listed(monkeypatch, remote)
     with Wiimote(backend=Shelf(remote)) as wiimote:
-        (told,) = [words for words in wiimote.diagnosis() if "hid-wiimote" in words]
-    assert listed.endswith(told[told.index("load the module") :])
+        (reported,) = [words for words in wiimote.diagnosis() if "hid-wiimote" in words]
+    assert listed.endswith(reported[reported.index("load the module") :])
 
 
 def test_a_late_remote_is_listed_with_how_to_pair_it(monkeypatch):

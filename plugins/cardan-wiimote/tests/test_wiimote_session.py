@@ -110,7 +110,7 @@ def test_an_extension_that_does_not_answer_is_tried_again():
     assert bench.run(0.5).link is DeviceLink.LIVE
 
 
-def test_a_silent_remote_is_told_its_mode_seldom():
+def test_a_silent_remote_is_reported_its_mode_seldom():
     bench = Bench(WiimoteOptions(reconnect_after_s=60.0))
     bench.ready()
     bench.remote.leave(bench.now_s)

@@ -96,12 +96,12 @@ class CardanTeleop(Teleoperator):
                 False,
             )
         self._update()
-        told = self._actions.events()
+        reported = self._actions.events()
         return {
-            TeleopEvents.IS_INTERVENTION: told.intervenes,
-            TeleopEvents.TERMINATE_EPISODE: told.ends,
-            TeleopEvents.SUCCESS: told.succeeded,
-            TeleopEvents.RERECORD_EPISODE: told.again,
+            TeleopEvents.IS_INTERVENTION: reported.intervenes,
+            TeleopEvents.TERMINATE_EPISODE: reported.ends,
+            TeleopEvents.SUCCESS: reported.succeeded,
+            TeleopEvents.RERECORD_EPISODE: reported.again,
         }
 
     def _update(self) -> None:

@@ -119,9 +119,9 @@ def test_a_wall_in_the_tick_itself():
 )
 def test_the_tick_books_no_less_than_the_truth(limits, hand, link):
     trace = remote(limits, hand, 400.0, link)
-    told = trace.given_j - hidden_j(trace)
+    reported = trace.given_j - hidden_j(trace)
     # It hears of a motion in the next tick.
-    assert np.all(told[:-1] <= trace.believed_j[1:] + 1e-9)
+    assert np.all(reported[:-1] <= trace.believed_j[1:] + 1e-9)
 
 
 def test_a_position_is_a_tick_old_and_no_further_off_than_its_quantum():

@@ -897,10 +897,11 @@ def explore(
     most_faults: int = 1,
     deepest: int = 1000,
     judge: Callable[[World], object] = check_state,
-    told: Callable[[str, tuple[str, ...]], object] | None = None,
+    reported: Callable[[str, tuple[str, ...]], object] | None = None,
 ) -> Found:
     """Walk until no new state appears, or `deepest` events from the start, with at most
-    `most_faults` things wrong at once. `told` takes violations; without it the first is raised."""
+    `most_faults` things wrong at once. `reported` takes violations;
+    without it the first is raised."""
     first = World(mapping)
     first.settle()
     states: dict[Abstract, tuple[str, ...]] = {first.abstract(): ()}
@@ -908,9 +909,9 @@ def explore(
     transitions = refusals = 0
 
     def failed(why: str, way: tuple[str, ...]) -> None:
-        if told is None:
+        if reported is None:
             raise ViolationError(f"{why}, after {' '.join(way) or 'nothing'}")
-        told(why, way)
+        reported(why, way)
 
     def reached(w: World, way: tuple[str, ...]) -> bool:
         nonlocal transitions
@@ -959,10 +960,10 @@ def main() -> None:
     """Walk by the act, number of faults and of events that are named, and print what was found."""
     act, most_faults, deepest = sys.argv[1:]
 
-    def told(why: str, way: tuple[str, ...]) -> None:
+    def reported(why: str, way: tuple[str, ...]) -> None:
         print(f"violated: {why}, after {' '.join(way)}", flush=True)
 
-    found = explore(MAPPINGS[act], int(most_faults), int(deepest), told=told)
+    found = explore(MAPPINGS[act], int(most_faults), int(deepest), reported=reported)
     print(f"states {len(found.states)}, transitions {found.transitions}, refused {found.refusals}")
     print(f"deepest {len(found.deepest)}: {' '.join(found.deepest)}")
 

@@ -33,7 +33,7 @@ def test_it_is_taken_when_it_is_free_and_known_since_when():
     assert authority.state() == ("a", 10.0, "")
 
 
-def test_who_is_refused_is_told_and_remembered():
+def test_who_is_refused_is_reported_and_remembered():
     authority = owned_by("a")
     assert authority.refuses("b") == "'a' has authority over the arm"
     assert authority.state().refused == ""

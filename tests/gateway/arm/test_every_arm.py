@@ -87,7 +87,7 @@ def test_stat_is_where_the_arm_is(arm):
 
 
 @pytest.mark.parametrize("verb", ["movl", "movj"])
-def test_it_goes_where_it_is_told(arm, verb):
+def test_it_goes_where_it_is_sent(arm, verb):
     commanded, start = arm.take_over()
     turned = arm.six[3:]
     for step in ((-0.02, 0.0, 0.0), (0.0, 0.0, -0.02)):

@@ -179,7 +179,7 @@ def lag_m(options, speed=0.1, every=12):
     return float(np.mean(behind[300:]))
 
 
-def test_prediction_takes_the_delay_of_a_stream_away_and_still_ends_where_it_was_told():
+def test_prediction_takes_the_delay_of_a_stream_away_and_still_ends_where_it_was_reported():
     quick = streams(linear_acceleration_m_s2=5.0, linear_jerk_m_s3=1000.0)
     newest_only = lag_m(quick)
     predicted = lag_m(replace(quick, stream_prediction_s=0.06))

@@ -311,7 +311,7 @@ def test_a_step_in_zero_time_is_named_with_its_joint(before, after, words):
     assert passed(JointCommand(before)).violation(JointCommand(after), 0.0) == words
 
 
-def test_a_step_is_told_by_its_size():
+def test_a_step_is_reported_by_its_size():
     check = passed(JointCommand((0.3, 0.2)))
     words = check.violation(JointCommand((0.3, 0.25)), DT_S)
     assert words == "a step of joint 2 by 0.05 rad"

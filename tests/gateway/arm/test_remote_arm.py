@@ -15,7 +15,7 @@ from cardan.gateway.arm.requests import (
 from cardan.gateway.arm.verb_results import Outcome
 
 
-def told(answers, source="program"):
+def reported(answers, source="program"):
     """Return an arm that answers each request at once with the result of `answers`."""
 
     def connect(arm):
@@ -38,16 +38,16 @@ def begun(number):
     return note(number)._asdict() | {"outcome": "running"}
 
 
-def test_an_end_that_is_told_before_the_beginning_is_not_lost():
+def test_an_end_that_is_reported_before_the_beginning_is_not_lost():
     ended = note(5, Outcome.ABORTED, "a limit")
-    with told(lambda asked: [ended, Reply(asked.id, begun(5), None)]) as arm:
+    with reported(lambda asked: [ended, Reply(asked.id, begun(5), None)]) as arm:
         motion = arm.movl([0.0] * 6)
     assert (motion.outcome, motion.reason) == (Outcome.ABORTED, "a limit")
 
 
 def test_ends_of_other_programs_motions_are_not_kept():
     others = [note(number, Outcome.DONE) for number in range(10, 10 + 2 * EARLY_NOTES)]
-    with told(lambda asked: [*others, Reply(asked.id, begun(5), None)]) as arm:
+    with reported(lambda asked: [*others, Reply(asked.id, begun(5), None)]) as arm:
         for each in others:
             arm._take_answer(each)
         assert not arm._early
@@ -59,12 +59,12 @@ def test_ends_of_other_programs_motions_are_not_kept():
 
 
 def test_stop_after_the_end_is_done_only_where_the_arm_is_known_to_rest():
-    with told(lambda _asked: []) as arm:
+    with reported(lambda _asked: []) as arm:
         arm.end("the session has ended")
         arm.stop()
         with pytest.raises(MotionLoopError, match="the session has ended"):
             arm.stat()
-    with told(lambda _asked: []) as arm:
+    with reported(lambda _asked: []) as arm:
         arm.end("the session has ended", rests=False)
         with pytest.raises(MotionLoopError, match="the session has ended"):
             arm.stop()
@@ -74,7 +74,7 @@ def test_stop_after_the_end_is_done_only_where_the_arm_is_known_to_rest():
 @pytest.mark.parametrize("source", ["", "hand", "x" * 65])
 def test_a_source_has_a_name_of_its_own(source):
     with pytest.raises(OptionError, match=r"source: .* other than 'hand'"):
-        told(lambda _asked: [], source)
+        reported(lambda _asked: [], source)
 
 
 def test_a_reply_tells_of_the_ends_before_it():
@@ -87,7 +87,7 @@ def test_a_reply_tells_of_the_ends_before_it():
         assert decode_answer(packet).ended == (ended,)
         return [decode_answer(packet)]
 
-    with told(answers) as arm:
+    with reported(answers) as arm:
         motion = arm.movl([0.0] * 6)
         assert arm.wait() is True
         assert motion.outcome is Outcome.DONE
@@ -141,7 +141,7 @@ def test_a_request_that_cannot_be_answered_says_why():
 
 
 def test_packets_that_are_no_answers_are_somebody_elses():
-    with told(lambda _asked: []) as arm:
+    with reported(lambda _asked: []) as arm:
         assert arm.take(encode_reply(7, None)) is True
         assert arm.take(b'{"elapsed_s": 1.0}') is False
         with pytest.raises(PacketError, match="no JSON"):

@@ -268,8 +268,8 @@ def test_errors_come_as_themselves(error):
     back = decode_answer(encode_error(None, error)).error
     assert type(back) is type(error)
     assert str(back) == str(error)
-    told = {key: value for key, value in vars(error).items() if key != "request"}
-    assert {key: getattr(back, key) for key in told} == told
+    reported = {key: value for key, value in vars(error).items() if key != "request"}
+    assert {key: getattr(back, key) for key in reported} == reported
 
 
 def test_an_option_that_is_refused_comes_as_the_configuration_error_that_it_is():

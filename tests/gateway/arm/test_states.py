@@ -302,7 +302,7 @@ def test_rearming_without_a_button_is_rest_and_where_it_is_inhibited_to_let_go(b
 @pytest.mark.parametrize("moving", BOTH)
 @pytest.mark.parametrize("asks", BOTH)
 @pytest.mark.parametrize("recovers", BOTH)
-def test_a_robot_that_is_not_ready_is_told_first(moving, asks, recovers):
+def test_a_robot_that_is_not_ready_is_reported_first(moving, asks, recovers):
     for motion, arming in itertools.product(MotionState, Arming):
         absent = States(RobotReadiness.ABSENT, motion=motion, arming=arming)
         assert phase_of(absent, moving, asks, recovers) is Phase.NO_ROBOT

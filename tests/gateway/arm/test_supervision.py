@@ -66,7 +66,7 @@ def test_the_first_ready_state_is_said_once():
         ({"session": 2, "hold_reason": "motors are off"}, Cause.NEW_SESSION, "motors are off"),
     ],
 )
-def test_a_robot_that_is_not_ready_says_why_and_is_told_when_it_returns(change, cause, reason):
+def test_a_robot_that_is_not_ready_says_why_and_is_reported_when_it_returns(change, cause, reason):
     watched = ready()
     before = watched.state
     found = watched.look(**change)

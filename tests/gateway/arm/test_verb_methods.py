@@ -181,7 +181,7 @@ def test_rotation_is_on_so3_and_has_its_own_speed():
     assert same_rotation(world.six()[3:], target[3:], 1e-4)
 
 
-def test_a_longer_duration_is_kept_and_a_shorter_one_told():
+def test_a_longer_duration_is_kept_and_a_shorter_one_reported():
     world = quick()
     world.verbs.set_parameter("cptd", 3.0)
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.1))
@@ -554,7 +554,7 @@ def test_tools_are_not_changed_in_motion():
         world.verbs.tool([0.0] * 6)
 
 
-def test_the_gripper_gets_what_it_is_told():
+def test_the_gripper_gets_what_it_is_reported():
     done = []
 
     def gripper(action):

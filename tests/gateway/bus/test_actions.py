@@ -91,10 +91,10 @@ def test_a_goal_where_the_arm_is_already_is_reached_at_once(bench):
 )
 def test_what_the_arm_refuses_ends_the_goal_with_the_reason(bench, verb, given, words):
     assert send(bench, verb, given)
-    status, told = result(bench, verb)
+    status, reported = result(bench, verb)
     assert status is GoalStatus.ABORTED
-    assert not told["success"]
-    assert words in told["message"]
+    assert not reported["success"]
+    assert words in reported["message"]
     assert bench.world.verbs.at_rest
 
 
@@ -154,9 +154,9 @@ def test_a_later_goal_takes_the_arm_through_rest(bench):
     send(bench, "movl", below(bench, 0.2), number=1)
     bench.world.tick(200)
     assert send(bench, "movj", below(bench, -0.02), number=2)
-    status, told = result(bench, "movl", 1)
+    status, reported = result(bench, "movl", 1)
     assert status is GoalStatus.ABORTED
-    assert told["message"] == "movj took over"
+    assert reported["message"] == "movj took over"
     bench.finish()
     assert result(bench, "movj", 2)[0] is GoalStatus.SUCCEEDED
 
@@ -269,9 +269,9 @@ def test_a_goal_that_comes_after_its_cancellation_does_not_begin(bench, verb):
     assert send(bench, verb, given)
     assert [each.verb for each in bench.requests] == []
     assert bench.world.verbs.at_rest
-    status, told = result(bench, verb)
+    status, reported = result(bench, verb)
     assert status is GoalStatus.CANCELED
-    assert told == {"success": False, "message": f"{verb}: it was canceled before it began"}
+    assert reported == {"success": False, "message": f"{verb}: it was canceled before it began"}
     assert send(bench, verb, given, number=2)
     assert bench.requests[-1].verb == verb
 
@@ -305,9 +305,9 @@ def test_an_id_is_taken_once(bench):
 
 
 def test_a_goal_that_nobody_sent_has_no_result(bench):
-    status, told = result(bench, "movl", 77)
+    status, reported = result(bench, "movl", 77)
     assert status is GoalStatus.UNKNOWN
-    assert told == {"success": False, "message": ""}
+    assert reported == {"success": False, "message": ""}
 
 
 def test_results_are_kept_for_a_bounded_number_of_goals(bench):

@@ -54,7 +54,7 @@ def test_the_papers_topics_and_services_are_there(bench):
 
 
 @pytest.mark.parametrize("verb", ["movj", "movl"])
-def test_a_pose_moves_the_arm_there_and_is_told_of(bench, verb):
+def test_a_pose_moves_the_arm_there_and_is_reported(bench, verb):
     target = bench.world.moved(0.0, 0.0, -0.05)
     number = bench.command(f"/command/{verb}", ros_pose(target))
     assert bench.results() == [(verb, number, "accepted", "")]
@@ -77,7 +77,7 @@ def test_a_step_and_a_speed(bench):
     assert bench.world.six()[2] > before[2] - 0.05
 
 
-def test_a_result_is_told_as_json_to_who_has_no_cardan_msgs(bench):
+def test_a_result_is_reported_as_json_to_who_has_no_cardan_msgs(bench):
     bench.command("/command/movl", data=b"")
     (result,), (text,) = bench.heard("/result"), bench.heard("/result_text")
     assert json.loads(text["data"]) == result
@@ -85,7 +85,7 @@ def test_a_result_is_told_as_json_to_who_has_no_cardan_msgs(bench):
     assert "no plain CDR" in result["reason"]
 
 
-def test_a_motion_that_another_takes_over_is_told_of(bench):
+def test_a_motion_that_another_takes_over_is_reported(bench):
     first = bench.command("/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.2)))
     bench.world.tick(100)
     bench.command("/command/movj", ros_pose(bench.world.moved(0.0, 0.0, 0.02)))
@@ -108,8 +108,8 @@ def test_a_motion_that_another_takes_over_is_told_of(bench):
 )
 def test_bad_values_are_refused_with_the_reason(bench, topic, given, words):
     number = bench.command(f"/command/{topic}", given)
-    ((_, told, outcome, reason),) = bench.results()
-    assert (told, outcome) == (number, "refused")
+    ((_, reported, outcome, reason),) = bench.results()
+    assert (reported, outcome) == (number, "refused")
     assert words in reason
     assert still(bench)
 
@@ -172,14 +172,14 @@ def test_a_stop_is_carried_out_though_it_comes_late(bench):
     assert [each.verb for each in bench.requests] == ["movv", "stop", "movv", "stop"]
 
 
-def test_publishers_are_told_apart(bench):
+def test_publishers_are_distinguished(bench):
     for gid in (b"a" * 16, b"b" * 16):
         bench.publish("/command/stop", sequence=1, gid=gid)
     bench.poll()
     assert len(bench.requests) == 2
 
 
-def test_a_flood_keeps_the_newest_and_is_told_of(bench):
+def test_a_flood_keeps_the_newest_and_is_reported(bench):
     pose = ros_pose(bench.world.moved(0.0, 0.0, -0.02))
     bench.command("/command/movj", pose, sequence=1)
     for sequence in range(2, 1002):
@@ -192,7 +192,7 @@ def test_a_flood_keeps_the_newest_and_is_told_of(bench):
     assert reasons == ["movj: numbers 2 to 993 were lost on their way, or displaced by newer ones"]
 
 
-def test_of_a_stream_only_the_newest_counts_and_only_changes_are_told(bench):
+def test_of_a_stream_only_the_newest_counts_and_only_changes_are_reported(bench):
     for sequence in range(1, 50):
         bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0)
     bench.poll()
@@ -213,8 +213,8 @@ def test_a_stream_that_begins_anew_is_answered_though_the_answer_is_the_same(ben
     for sequence, after_s in ((1, 0.02), (2, 0.02), (3, 1.0), (4, 0.02)):
         bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0)
         bench.poll(after_s)
-    told = [(number, outcome) for _, number, outcome, _ in bench.results()]
-    assert told == [(1, "refused"), (3, "refused")]
+    reported = [(number, outcome) for _, number, outcome, _ in bench.results()]
+    assert reported == [(1, "refused"), (3, "refused")]
 
 
 def test_a_publisher_that_dies_brakes_the_arm(bench):

@@ -110,7 +110,7 @@ def test_what_comes_late_gets_what_does_not_change(shown):
     assert shown.heard("/robot_description")[0]["data"] == "<robot/>"
 
 
-def test_what_is_around_the_arm_is_told_to_who_comes_late():
+def test_what_is_around_the_arm_is_asked_to_who_comes_late():
     shown = PublishedArm(scene='{"obstacles":[]}')
     topic = "/arm/scene"
     assert shown.node.publishers[topic].qos.transient_local
@@ -140,18 +140,21 @@ def test_the_target_twist_and_wrench(shown):
     assert shown.heard("/arm/state/wrench") == []
     wrench = Wrench(Vector3(1.0, 2.0, 3.0), Vector3(4.0, 5.0, 6.0))
     shown.publish(shown.world.state()._replace(wrench=wrench))
-    told = shown.heard("/arm/state/wrench")[-1]["wrench"]
-    assert told == {"force": {"x": 1.0, "y": 2.0, "z": 3.0}, "torque": {"x": 4.0, "y": 5.0, "z": 6}}
+    reported = shown.heard("/arm/state/wrench")[-1]["wrench"]
+    assert reported == {
+        "force": {"x": 1.0, "y": 2.0, "z": 3.0},
+        "torque": {"x": 4.0, "y": 5.0, "z": 6},
+    }
 
 
 def test_the_status_says_what_it_is_doing_and_who_moves_it(shown):
     shown.publish()
-    told = shown.heard("/arm/state/status")[-1]
-    assert told["state"] == int(State.MOVL)
-    assert told["stream"] == int(Stream.POSE)
-    assert told["phase"] == "moving"
-    assert told["authority"] == shown.world.verbs.controller.authority.owner
-    assert told["ready"]
+    reported = shown.heard("/arm/state/status")[-1]
+    assert reported["state"] == int(State.MOVL)
+    assert reported["stream"] == int(Stream.POSE)
+    assert reported["phase"] == "moving"
+    assert reported["authority"] == shown.world.verbs.controller.authority.owner
+    assert reported["ready"]
 
 
 def test_of_a_status_whose_texts_stay_only_the_numbers_are_written_anew(shown, monkeypatch):
@@ -164,27 +167,27 @@ def test_of_a_status_whose_texts_stay_only_the_numbers_are_written_anew(shown, m
 
     monkeypatch.setattr(Codec, "encode", counted)
     controller = shown.world.verbs.controller
-    status, told = controller.status(), shown.heard("/arm/state/status")
+    status, reported = controller.status(), shown.heard("/arm/state/status")
     monkeypatch.setattr(controller, "status", lambda: status)
     for trips in range(10):
         status = status._replace(trips=trips, lead_used=0.1 * trips)
         shown.publish()
     assert encoded.count("cardan_msgs/msg/ArmStatus") < 4
-    assert [each["trips"] for each in told] == list(range(10))
-    assert [each["lead_used"] for each in told] == [0.1 * trips for trips in range(10)]
-    assert {each["state"] for each in told} == {int(State.MOVL)}
+    assert [each["trips"] for each in reported] == list(range(10))
+    assert [each["lead_used"] for each in reported] == [0.1 * trips for trips in range(10)]
+    assert {each["state"] for each in reported} == {int(State.MOVL)}
 
 
 def test_a_status_whose_texts_change_has_the_new_ones_at_once(shown, monkeypatch):
     controller = shown.world.verbs.controller
-    status, told = controller.status(), shown.heard("/arm/state/status")
+    status, reported = controller.status(), shown.heard("/arm/state/status")
     monkeypatch.setattr(controller, "status", lambda: status)
     words = ["", "", "", "held", "held", "held", "", "a much longer reason", ""]
     for trips, message in enumerate(words):
         status = status._replace(trips=trips, message=message)
         shown.publish()
-    assert [each["message"] for each in told] == words
-    assert [each["trips"] for each in told] == list(range(len(words)))
+    assert [each["message"] for each in reported] == words
+    assert [each["trips"] for each in reported] == list(range(len(words)))
 
 
 def test_without_a_pose_there_is_none(shown):

@@ -65,7 +65,7 @@ def untouched(bench):
 # -- a stream begins by itself, and only then ------------------------------------------------------
 
 
-def test_the_first_type_that_arrives_is_taken_and_told_of(bench):
+def test_the_first_type_that_arrives_is_taken_and_reported(bench):
     before = bench.world.six()
     stream(bench, TWIST, twist(z=0.1))
     assert bench.world.verbs.streams.kind is Stream.TWIST
@@ -346,13 +346,13 @@ def test_without_a_robot_the_status_is_invalid(bench):
     assert published["message"]
 
 
-def test_what_is_told_besides_is_published_with_each_instant(bench):
+def test_what_is_reported_besides_is_published_with_each_instant(bench):
     topics = NamesTopics(bench.node, bench.others)
     topics.publish(shown(bench), time.time_ns())
     assert bench.node.publishers["/servo_node/status"].messages == [{"code": 0, "message": ""}]
 
 
-def test_what_is_told_is_encoded_when_it_changes_and_published_always(bench, monkeypatch):
+def test_what_is_reported_is_encoded_when_it_changes_and_published_always(bench, monkeypatch):
     encoded = []
     encode = Codec.encode
 
@@ -568,7 +568,7 @@ def test_a_fault_is_left_by_enabling(crtk):
     assert operating(crtk)[0] == "ENABLED"
 
 
-def test_what_is_commanded_of_the_joints_is_told_while_it_is(crtk):
+def test_what_is_commanded_of_the_joints_is_reported_while_it_is(crtk):
     published = {each.topic: each.message for each in crtk.others[0].published}
     assert published["setpoint_js"](shown(crtk)) is None
     stream(crtk, "//servo_cv", twist(z=-0.1))

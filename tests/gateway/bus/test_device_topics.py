@@ -61,7 +61,7 @@ def test_rates_are_the_stock_nodes():
     assert len(rest["spacenav/offset"]) == len(rest["spacenav/joy"])
 
 
-def test_a_button_is_told_at_once():
+def test_a_button_is_reported_at_once():
     sent = played(lambda now_s: state(buttons=["left"] if now_s > 0.101 else ()), 0.11)
     assert [message["buttons"] for message in sent["joy"]][-2:] == [[0, 0], [1, 0]]
 
@@ -85,7 +85,7 @@ def test_buttons_that_show_up_later_come_behind():
     assert sent["joy"][-1]["buttons"] == [1]
 
 
-def test_inertial_sensors_are_told_as_they_measure():
+def test_inertial_sensors_are_reported_as_they_measure():
     def device(now_s):
         measured_s = now_s - now_s % 0.01
         rates = Vector3(0.1, 0.2, 0.3) if now_s > 0.5 else None

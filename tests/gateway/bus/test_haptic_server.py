@@ -56,7 +56,7 @@ class Bench:
             self.server.poll(self.now_s)
             self.server.publish(self.now_s, round(self.now_s * 1e9))
 
-    def told(self, topic):
+    def reported(self, topic):
         return self.node.publishers[f"~/{topic}"].messages
 
     def publisher(self, type_name, topic="feedback", user="user"):
@@ -89,24 +89,24 @@ def test_the_tables_have_the_names_of_the_wrapper_and_of_the_paper():
 def test_the_state_is_published_in_the_frame_of_the_transformation():
     bench = Bench()
     bench.device.pose = Pose(Vector3(0.02, 0.01, 0.0), IDENTITY)
-    bench.device.told = bench.device.told._replace(force=Vector3(0.5, 0.0, 0.0))
+    bench.device.reported = bench.device.reported._replace(force=Vector3(0.5, 0.0, 0.0))
     bench.device.buttons = frozenset({"button_2"})
     bench.haptic.set_transformation(Pose(Vector3(10.0, 20.0, 30.0), QUARTER))
     bench.run(0.2)
-    pose = bench.told("state/pose")[-1]
+    pose = bench.reported("state/pose")[-1]
     assert pose["position"] == pytest.approx({"x": 9.99, "y": 20.02, "z": 30.0})
     assert pose["orientation"] == pytest.approx({"x": 0, "y": 0, "z": QUARTER.z, "w": QUARTER.w})
-    assert bench.told("state/buttons")[-1]["data"] == [0, 1]
+    assert bench.reported("state/buttons")[-1]["data"] == [0, 1]
     # The rotation alone acts on a force.
-    force = bench.told("state/force_feedback")[-1]["force"]
+    force = bench.reported("state/force_feedback")[-1]["force"]
     assert force == pytest.approx({"x": 0.0, "y": 0.5, "z": 0.0})
-    transform = bench.told("state/transform")[-1]
+    transform = bench.reported("state/transform")[-1]
     assert transform["translation"] == {"x": 10.0, "y": 20.0, "z": 30.0}
-    assert bench.told("state/force_mode")[-1]["data"] is True
-    assert len(bench.told("state/pose")) == pytest.approx(10, abs=1)
+    assert bench.reported("state/force_mode")[-1]["data"] is True
+    assert len(bench.reported("state/pose")) == pytest.approx(10, abs=1)
     bench.device.buttons = frozenset()
     bench.run(0.1)
-    assert bench.told("state/buttons")[-1]["data"] == [0, 0]
+    assert bench.reported("state/buttons")[-1]["data"] == [0, 0]
 
 
 def test_a_device_without_a_pose_publishes_none(monkeypatch):
@@ -117,8 +117,8 @@ def test_a_device_without_a_pose_publishes_none(monkeypatch):
 
     monkeypatch.setattr(bench.device, "measured_pose", nowhere)
     bench.run(0.1)
-    assert bench.told("state/pose") == []
-    assert bench.told("state/buttons")
+    assert bench.reported("state/pose") == []
+    assert bench.reported("state/buttons")
 
 
 def test_feedback_is_taken_in_both_types():
@@ -131,7 +131,7 @@ def test_feedback_is_taken_in_both_types():
     (first, _, one), (second, _, two) = bench.feedback.given
     assert (one, two) == ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
     assert first != second
-    accepted = [each for each in bench.told("result") if each["outcome"] == "accepted"]
+    accepted = [each for each in bench.reported("result") if each["outcome"] == "accepted"]
     assert [each["command"] for each in accepted] == ["feedback", "feedback"]
     assert bench.server.refused == 0
 
@@ -152,20 +152,20 @@ def test_bad_feedback_is_refused_with_a_reason_once(type_name, message, words):
     bench.run()
     assert bench.feedback.given == []
     assert bench.server.refused == 3
-    (result,) = bench.told("result")
+    (result,) = bench.reported("result")
     assert words in result["reason"]
     assert (result["outcome"], result["success"]) == ("refused", False)
     assert "3 messages or requests refused" in bench.server.part().message
 
 
-def test_what_the_session_refuses_is_told_and_taking_again_too():
+def test_what_the_session_refuses_is_reported_and_taking_again_too():
     bench = Bench()
     user = bench.publisher(VECTOR)
     for why in ("not now", "not now", "", ""):
         bench.feedback.why_not = why
         user.publish({"x": 0.0, "y": 0.0, "z": 0.0})
         bench.run()
-    assert [each["outcome"] for each in bench.told("result")] == ["refused", "accepted"]
+    assert [each["outcome"] for each in bench.reported("result")] == ["refused", "accepted"]
 
 
 def test_while_another_has_the_name_nothing_is_taken_but_a_stop():
@@ -174,7 +174,7 @@ def test_while_another_has_the_name_nothing_is_taken_but_a_stop():
     bench.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
     bench.run()
     assert bench.feedback.given == []
-    assert bench.told("result")[-1]["reason"] == f"feedback: {why}"
+    assert bench.reported("result")[-1]["reason"] == f"feedback: {why}"
     before = bench.haptic.get_transformation()
     transform = {"translation": {"x": 1.0, "y": 0.0, "z": 0.0}, "rotation": {"w": 1.0}}
     bench.call("set_transform", f"{YARP}SetTransformation", transform=transform)
@@ -208,7 +208,7 @@ def test_what_is_far_too_long_is_not_even_read():
     bench = Bench()
     bench.publisher(JOINTS).publish(completed(JOINTS, {"effort": [0.0] * 100_000}))
     bench.run()
-    assert "bytes are no sensor_msgs/msg/JointState" in bench.told("result")[0]["reason"]
+    assert "bytes are no sensor_msgs/msg/JointState" in bench.reported("result")[0]["reason"]
     client = FakeUser(bench.node, "SC", "~/set_parameters", "rcl_interfaces/srv/SetParameters")
     given = completed("rcl_interfaces/msg/Parameter", {"name": "mode_feedback"})
     asked = client.ask({"parameters": [given] * 1000})
@@ -229,7 +229,7 @@ def test_a_publisher_that_is_no_ros_node_is_taken_too():
 
 
 @pytest.mark.parametrize("name", ["get_max_feedback", "state/max_force_feedback"])
-def test_the_largest_feedback_is_told(name):
+def test_the_largest_feedback_is_reported(name):
     bench = Bench(TorqueHaptic())
     answer = bench.call(name, f"{YARP}GetMaxFeedback")
     assert answer == {
@@ -254,10 +254,10 @@ def test_the_transformation_is_set_and_got(setter, getter):
     }
     answer = bench.call(setter, f"{YARP}SetTransformation", transform=wanted)
     assert answer["success"]
-    told = bench.call(getter, f"{YARP}GetTransformation")
-    assert told["success"]
-    assert told["transform"]["translation"] == wanted["translation"]
-    assert told["transform"]["rotation"] == pytest.approx(wanted["rotation"])
+    reported = bench.call(getter, f"{YARP}GetTransformation")
+    assert reported["success"]
+    assert reported["transform"]["translation"] == wanted["translation"]
+    assert reported["transform"]["rotation"] == pytest.approx(wanted["rotation"])
 
 
 def test_a_transformation_that_is_none_is_refused_and_changes_nothing():
@@ -358,6 +358,6 @@ def test_no_request_to_any_service_waits_for_ever():
 def test_a_device_that_is_only_shown_takes_nothing():
     bench = Bench(served=False)
     bench.run(0.1)
-    assert bench.told("state/pose")
+    assert bench.reported("state/pose")
     assert bench.node.queues == bench.node.requests == {}
     assert "~/result" not in bench.node.publishers

@@ -59,7 +59,7 @@ class Served:
             self.results.append(codec_of(RESULT).decode(data))
             self.changed.notify_all()
 
-    def told(self, outcome, source=None):
+    def reported(self, outcome, source=None):
         """The first result with that outcome, of that source or of any."""
 
         def found():
@@ -133,7 +133,7 @@ def test_the_arm_brakes_when_who_asked_for_movv_is_killed(way):
         with network_arm(options=BusOptions(router=here.endpoint)) as arm:
             assert arm.status().message == GONE
         if way == "topic":
-            assert here.told("aborted")["reason"] == GONE
+            assert here.reported("aborted")["reason"] == GONE
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])

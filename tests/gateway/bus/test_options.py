@@ -7,7 +7,7 @@ from cardan.gateway.bus.compatibility import ServoScales
 from cardan.gateway.bus.options import NetworkOptions
 
 
-def test_servo_scales_are_servos_own_unless_told():
+def test_servo_scales_are_servos_own_unless_reported():
     assert NetworkOptions().servo_scales == ServoScales(True, 0.4, 0.8, 0.5)
     options = NetworkOptions(
         servo_units="speed", servo_linear_m_s=0.1, servo_angular_rad_s=0.2, servo_joint_rad_s=0.3

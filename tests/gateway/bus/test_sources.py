@@ -86,7 +86,7 @@ def two(bench):
     return Node(bench, "/left/joystick", "b0", -SPEED_M_S), Node(bench, "/script", "c0", SPEED_M_S)
 
 
-def test_of_two_nodes_the_first_moves_the_arm_and_the_second_is_told_so(bench):
+def test_of_two_nodes_the_first_moves_the_arm_and_the_second_is_informed(bench):
     first, second = two(bench)
     together(bench, 0.2, first)
     moved = together(bench, 2.0, second, first)
@@ -115,7 +115,7 @@ def test_the_diagnostics_warn_for_some_seconds(bench):
     assert bench.server.part().level == OK
 
 
-def test_a_source_that_streams_another_verb_is_refused_too_and_told_who_moves_the_arm(bench):
+def test_a_source_that_streams_another_verb_is_refused_too_and_reported_who_moves_the_arm(bench):
     first, second = two(bench)
     together(bench, 0.2, first)
     bench.publish(JOG, {"joint_names": ["wrist_3_joint"], "velocities": [0.5]}, gid=second.gid)
@@ -278,7 +278,7 @@ def test_a_command_that_is_given_again_is_the_same_source(bench):
     assert together(bench, 1.0, again, other) == pytest.approx(-0.1, abs=0.01)
 
 
-def test_publishers_without_a_node_are_told_apart_and_one_comes_back(bench):
+def test_publishers_without_a_node_are_distinguished_and_one_comes_back(bench):
     first, second = (
         Node(bench, "", zid, speed, appears=False)
         for zid, speed in (("b0", -SPEED_M_S), ("c0", SPEED_M_S))
@@ -429,9 +429,9 @@ def test_what_its_sender_may_have_kept_until_it_was_connected_moves_nothing(
         send(-0.25, 1e-4 * each)
         go_on(DT_S * (each % 2))
     assert go_on(1.0) == 0.0
-    told = outcomes(bench)
-    assert [outcome for _, outcome, _ in told] == ["refused"] * len(told) != []
-    assert "may have waited until it was" in told[0][2]
+    reported = outcomes(bench)
+    assert [outcome for _, outcome, _ in reported] == ["refused"] * len(reported) != []
+    assert "may have waited until it was" in reported[0][2]
     # Live commands then move it.
     assert sum(send(-0.25) or go_on(0.02) for _ in range(25)) < -0.02
 
@@ -451,7 +451,7 @@ def test_a_token_that_comes_while_its_node_streams_does_not_end_the_stream(bench
     assert "refused" not in {outcome for _, outcome, _ in outcomes(bench)}
 
 
-def test_a_new_connection_is_told_who_has_the_arm(bench):
+def test_a_new_connection_is_reported_who_has_the_arm(bench):
     first = Node(bench, "/left/joystick", "b0", -SPEED_M_S)
     together(bench, 0.5, first)
     together(bench, 0.1, first, Node(bench, "/script", "c0", SPEED_M_S, new=True))

@@ -52,8 +52,8 @@ def send(bench, given, number=1):
 def result(bench, number=1):
     request = {"goal_id": {"uuid": bytes([number]) * 16}}
     answer = bench.call(f"{ACTION}/get_result", request).answer
-    told = answer["result"]
-    return GoalStatus(answer["status"]), told["error_code"], told["error_string"]
+    reported = answer["result"]
+    return GoalStatus(answer["status"]), reported["error_code"], reported["error_string"]
 
 
 def tolerances(bench, position, **more):

@@ -43,7 +43,7 @@ class Bench:
         return FakeUser(self.node, kind, name, type_name, **who)
 
     @property
-    def told(self):
+    def reported(self):
         return [(m["outcome"], m["reason"]) for m in self.node.publishers["~/result"].messages]
 
 
@@ -90,10 +90,10 @@ def test_a_motion_without_end_of_somebody_unknown_is_refused(stamp):
     stranger = bench.user("~/command/movv", zid="d0")
     movv(stranger, attached=False, stamp=stamp)
     bench.cycle()
-    assert stamp is None or bench.told == []  # A token may still be on its way.
+    assert stamp is None or bench.reported == []  # A token may still be on its way.
     bench.cycle(NAMED_WITHIN_S)
     assert bench.requests == []
-    ((outcome, reason),) = bench.told
+    ((outcome, reason),) = bench.reported
     assert outcome == "refused"
     assert "movv: this motion has no end" in reason
     assert "endless_without_watch" in reason
@@ -106,7 +106,7 @@ def test_a_flood_of_motions_of_somebody_unknown_is_not_kept():
     for _ in range(1000):
         movv(stranger)
         bench.cycle()
-    assert len(bench.told) + HELD_AT_MOST >= 1000
+    assert len(bench.reported) + HELD_AT_MOST >= 1000
     cycles = round(NAMED_WITHIN_S / CYCLE_S) + 1
     movv(stranger)
     for _ in range(cycles):
@@ -169,7 +169,7 @@ def test_a_packet_arm_is_watched_as_every_client_is():
     assert not request.there()
 
 
-def test_a_packet_arm_that_nobody_could_watch_is_told_so():
+def test_a_packet_arm_that_nobody_could_watch_is_informed():
     bench = Bench()
     stranger = FakeUser(FakeNode(), CLIENT, "~/ask", ASK_TYPE)
     stranger.node = bench.node
@@ -202,6 +202,6 @@ def test_what_comes_after_it_never_overtakes_a_motion_that_waits():
     )
     bench.cycle()
     assert [request.verb for request in bench.requests] == ["stop"]
-    assert bench.told[0][0] == "refused"
+    assert bench.reported[0][0] == "refused"
     bench.cycle(NAMED_WITHIN_S)
     assert [request.verb for request in bench.requests] == ["stop"]

@@ -16,17 +16,17 @@ class Arm:
         self.held = held
         self.phase = "disarmed"
         self.passes = 0
-        self.told = None
+        self.reported = None
         self.brakes = 0
 
     def turn(self):
-        if self.told is Order.GIVE and self.held:
+        if self.reported is Order.GIVE and self.held:
             self.held = False
             if self.phase == "moving":
                 self.phase, self.brakes = "braking", 3
-        elif self.told is Order.TAKE:
+        elif self.reported is Order.TAKE:
             self.held = True
-        self.told = None
+        self.reported = None
         if self.phase == "braking":
             self.brakes -= 1
             if self.brakes == 0:
@@ -48,7 +48,7 @@ class Bench:
     def run(self, polls=8):
         for _ in range(polls):
             for name, order in self.shared.poll(lambda name: self.arms[name].seen):
-                self.arms[name].told = order
+                self.arms[name].reported = order
             for arm in self.arms.values():
                 arm.turn()
             # Never in two hands, and never in another's before the arm rests.
@@ -145,7 +145,7 @@ def test_one_that_dies_while_it_gives_does_not_keep_it_from_the_next(bench):
     assert bench.ends_with("two")
 
 
-def test_a_robot_that_is_not_ready_is_told_of_before_a_device_that_is_elsewhere():
+def test_a_robot_that_is_not_ready_is_reported_before_a_device_that_is_elsewhere():
     there = "its device serves gofa"
     away = Snapshot.of(
         {"device": {"held": False, "reason": "closed"}, "arm": {"message": "closed"}}

@@ -31,7 +31,7 @@ def watch():
     return watch
 
 
-def told(watch, **changes):
+def reported(watch, **changes):
     found = watch.take(changed(REST, **changes), 2.0)
     return [(each.event, each.what, each.why) for each in found]
 
@@ -42,31 +42,33 @@ def test_the_first_snapshot_says_how_it_begins():
 
 
 def test_nothing_new_is_no_event(watch):
-    assert told(watch) == []
+    assert reported(watch) == []
 
 
 def test_who_took_the_authority_and_what_moved(watch):
-    found = told(watch, arm__authority="hand", arm__phase="moving")
+    found = reported(watch, arm__authority="hand", arm__phase="moving")
     assert found == [("authority", "hand", ""), ("arm", "moving", "")]
-    found = told(watch, arm__phase="braking", arm__message="the device was unplugged", arm__trips=1)
+    found = reported(
+        watch, arm__phase="braking", arm__message="the device was unplugged", arm__trips=1
+    )
     assert ("authority", "nobody", "the device was unplugged") in found
     assert ("trip", "1", "the device was unplugged") in found
     assert ("arm", "braking", "the device was unplugged") in found
 
 
 def test_a_link_that_is_lost_has_its_reason(watch):
-    found = told(watch, robot__link="lost", robot__hold_reason="no datagram for 0.1 s")
+    found = reported(watch, robot__link="lost", robot__hold_reason="no datagram for 0.1 s")
     assert found == [("robot", "lost", "no datagram for 0.1 s")]
 
 
 def test_figures_that_change_are_no_news(watch):
-    assert told(watch, arm__message="silent for 0.3 s") == [("message", "silent for 0.3 s", "")]
-    assert told(watch, arm__message="silent for 12.4 s") == []
+    assert reported(watch, arm__message="silent for 0.3 s") == [("message", "silent for 0.3 s", "")]
+    assert reported(watch, arm__message="silent for 12.4 s") == []
 
 
 def test_a_new_process_begins_anew(watch):
     watch.forget()
-    assert ("arm", "disarmed", "") in told(watch)
+    assert ("arm", "disarmed", "") in reported(watch)
 
 
 def test_events_are_there_as_soon_as_they_are_written(tmp_path):

@@ -18,12 +18,12 @@ class Starting:
 
     def __init__(self, *_configuration, **_options):
         self.may_tell, self.may_end = threading.Event(), threading.Event()
-        self.told = threading.Event()
+        self.reported = threading.Event()
 
     def follow(self, take):
         assert self.may_tell.wait(WITHIN_S)
         last = take(Snapshot.of({"arm": {"phase": "disarmed"}}).to_bytes())
-        self.told.set()
+        self.reported.set()
         assert self.may_end.wait(WITHIN_S)
         return SessionExit(0, last)
 
@@ -34,7 +34,7 @@ def test_a_session_has_longer_for_its_first_snapshot(monkeypatch):
     session = RunningSession(None, print, lambda *_: None, print)
     assert before_s <= session.due_s - STARTS_WITHIN_S <= time.monotonic()
     session._process.may_tell.set()
-    assert session._process.told.wait(WITHIN_S)
+    assert session._process.reported.wait(WITHIN_S)
     assert before_s <= session.due_s - HUNG_S <= time.monotonic()
     session._process.may_end.set()
     session.join(WITHIN_S)

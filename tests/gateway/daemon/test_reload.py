@@ -37,13 +37,13 @@ class Response(RunningSession):
             {"arm": {"phase": "moving", "authority": "verbs"}, "device": {"held": has_device}}
         )
         self.due_s = time.monotonic()
-        self.told = []
+        self.reported = []
         self.ended = False
 
     pid = 4711
 
     def send(self, packet):
-        self.told.append(packet)
+        self.reported.append(packet)
 
     def stop(self):
         self.ended = True
@@ -58,7 +58,7 @@ class Lab:
             read_daemon_config([self.file]), lambda: read_daemon_config([self.file])
         )
         self.daemon._look_after(time.monotonic())
-        self.told = []
+        self.reported = []
 
     def write(self, **speeds):
         self.file.write_text(
@@ -78,10 +78,10 @@ class Lab:
 
     def reload(self, check_only=False):
         """Its outcome; None where it is under way still."""
-        self.told = []
-        self.daemon.reload(self.told.append, check_only)
+        self.reported = []
+        self.daemon.reload(self.reported.append, check_only)
         self.turn(wait_s=30.0)
-        return self.told[0] if self.told else None
+        return self.reported[0] if self.reported else None
 
     def turn(self, wait_s=0.0):
         try:
@@ -171,8 +171,8 @@ def test_a_session_is_restarted_once_nobody_has_its_arm(lab):
 def test_a_restart_waits_while_somebody_has_the_arm_or_it_moves(lab, phase, authority, waits):
     lab.session("one").snapshot = Snapshot.of({"arm": {"phase": phase, "authority": authority}})
     lab.write(one=0.1, two=0.25)
-    told = words(lab.reload())
-    assert told == ["one limits.linear_speed_m_s: 0.25 -> 0.1" + (WAITS if waits else "")]
+    reported = words(lab.reload())
+    assert reported == ["one limits.linear_speed_m_s: 0.25 -> 0.1" + (WAITS if waits else "")]
     lab.look()
     assert lab.session("one").ended is not waits
 
@@ -203,11 +203,11 @@ def test_an_error_in_one_file_is_the_refusal_of_all(lab):
 
 
 def test_one_reload_at_a_time(lab):
-    lab.daemon.reload(lab.told.append)
+    lab.daemon.reload(lab.reported.append)
     with pytest.raises(ControlError, match="a reload is under way"):
-        lab.daemon.reload(lab.told.append)
+        lab.daemon.reload(lab.reported.append)
     lab.turn(wait_s=30.0)
-    assert lab.told == [[]]
+    assert lab.reported == [[]]
 
 
 def test_of_two_reloads_the_newest_counts(lab):
@@ -360,7 +360,7 @@ def test_who_has_a_shared_device_keeps_it_until_it_is_restarted_without_it(lab):
     lab.end("one")
     lab.daemon._pass_devices()
     assert [lab.session(name).has_device for name in ("one", "two")] == [True, False]
-    assert not lab.session("two").told
+    assert not lab.session("two").reported
     one = lab.session("one")
     one.snapshot = Snapshot.of(
         {"arm": {"phase": "moving", "authority": "hand"}, "device": {"held": True}}
@@ -369,7 +369,7 @@ def test_who_has_a_shared_device_keeps_it_until_it_is_restarted_without_it(lab):
     lab.reload()
     lab.daemon._pass_devices()
     assert lab.daemon._shared["mouse"].sessions == ("one", "two")
-    assert not lab.session("two").told
+    assert not lab.session("two").reported
     one.snapshot = Snapshot.of({"arm": {"phase": "disarmed"}, "device": {"held": True}})
     lab.look()
     lab.end("one")
@@ -391,7 +391,7 @@ def test_who_had_a_device_alone_keeps_it_when_another_one_comes_to_share_it(lab)
     lab.look()
     assert not lab.session("zero").has_device
     lab.daemon._pass_devices()
-    assert not lab.session("one").told
+    assert not lab.session("one").reported
 
 
 def test_what_keeps_the_files_from_being_read_is_said(lab, monkeypatch):
@@ -462,7 +462,7 @@ def test_a_table_that_comes_or_goes_is_one_change():
     assert [each.key for each in of_session("one", one, one, "", ("network",))] == ["network"]
 
 
-def test_changes_are_told_in_words():
+def test_changes_are_reported_in_words():
     change = Change("one", "mapping.deadman", "changed", "left", ["a", "b"], "x")
     assert change.in_words == 'one mapping.deadman: "left" -> ["a", "b"] (waits x)'
     assert Change("one", "network", "changed").in_words.endswith("none -> none")

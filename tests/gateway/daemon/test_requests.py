@@ -35,10 +35,10 @@ class Asker:
     """A connection that keeps messages to it."""
 
     def __init__(self):
-        self.told, self.gone = [], []
+        self.reported, self.gone = [], []
 
-    def tell(self, *told):
-        self.told += told
+    def tell(self, *reported):
+        self.reported += reported
 
 
 def daemon_of(tmp_path, *parts):

@@ -107,8 +107,8 @@ def bench(tmp_path):
 def test_a_request_and_its_answer_keep_their_numbers(bench):
     bench.ask("stat")
     bench.answers(pose=[0.0] * 6)
-    told = bench.heard()
-    assert (told.id, told.kind, told.value["reply"]) == (7, "result", 7)
+    reported = bench.heard()
+    assert (reported.id, reported.kind, reported.value["reply"]) == (7, "result", 7)
 
 
 @pytest.mark.parametrize(("verb", "stops"), [("movv", True), ("movl", False)])
@@ -127,7 +127,7 @@ def test_also_who_has_left_before_it_began(bench, verb, stops):
     assert bench.asked == [verb, *(["stop"] if stops else [])]
 
 
-def test_what_a_session_owes_when_it_ends_is_told(bench):
+def test_what_a_session_owes_when_it_ends_is_reported(bench):
     bench.ask("movl", 7)
     bench.begins("movl")
     bench.heard()
@@ -175,7 +175,7 @@ def test_a_streamed_command_that_may_have_waited_is_not_passed_on(bench):
     assert bench.asked == ["movl", "stop"]
 
 
-def test_the_session_is_told_since_when_a_request_can_have_waited(bench):
+def test_the_session_is_reported_since_when_a_request_can_have_waited(bench):
     """A time given by the client is ignored."""
     for number, verb in enumerate(("twist", "movl")):
         bench.connection.since_s = time.monotonic() - 0.1 * STALE_S
@@ -188,7 +188,7 @@ class Flood:
 
     def __init__(self):
         self.now_s = 100.0
-        self.told = bytearray()
+        self.reported = bytearray()
         line = b'{"id":1,"do":"units"}\n'
         self._bytes = itertools.cycle(line)
 
@@ -196,7 +196,7 @@ class Flood:
         return bytes(itertools.islice(self._bytes, count))
 
     def send(self, data):
-        self.told += data
+        self.reported += data
         return len(data)
 
     def monotonic(self):
@@ -228,7 +228,7 @@ def test_who_sends_more_than_can_be_handled_is_let_go_with_the_reason(flooded):
     most_s = STALE_S + BACKLOGGED_S
     assert floods(flooded, 2 * most_s) == pytest.approx(most_s, abs=0.05)
     assert not connection.open
-    assert decode_response(bytes(flood.told).splitlines()[-1]).value == BACKLOGGED
+    assert decode_response(bytes(flood.reported).splitlines()[-1]).value == BACKLOGGED
 
 
 def test_a_backlog_that_was_worked_off_is_forgotten(flooded):
@@ -239,7 +239,7 @@ def test_a_backlog_that_was_worked_off_is_forgotten(flooded):
         # Less than is read at once.
         connection.empty_s = flood.now_s
         floods(flooded, 0.02)
-    assert not flood.told
+    assert not flood.reported
 
 
 def test_it_is_known_since_when_a_request_can_have_waited(tmp_path):
@@ -263,7 +263,7 @@ def test_it_is_known_since_when_a_request_can_have_waited(tmp_path):
         assert asked[2] >= stopped_s
 
 
-def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, monkeypatch):
+def test_what_a_session_did_last_is_reported_though_its_process_has_ended(bench, monkeypatch):
     """And that it has ended, by a daemon that comes to look only when the next one is due."""
     bench.daemon._find_events()
     bench.session.snapshot = Snapshot.of({"arm": {"phase": "moving", "authority": "a"}})

@@ -21,9 +21,9 @@ from fuzz.targets.texts import idle_daemon
 def test_values_of_another_kind_are_refused(ask, words):
     daemon, program = idle_daemon()
     daemon._handle(ask, program)
-    told = decode_response(program.told[-1])
-    assert (told.id, told.kind) == (3, "error")
-    assert words in told.value
+    reported = decode_response(program.reported[-1])
+    assert (reported.id, reported.kind) == (3, "error")
+    assert words in reported.value
 
 
 @pytest.mark.parametrize("verb", [[1], {"a": 1}, None, 3, "no such verb"])
@@ -33,5 +33,5 @@ def test_a_verb_of_any_kind_goes_to_its_session_which_refuses_it(verb):
     name, kept = next(iter(daemon._services.items()))
     kept.process.send = sent.append
     daemon._handle(Ask(5, "ask", name, {"id": 7, "source": "verbs", "verb": verb}), program)
-    assert program.told == []
+    assert program.reported == []
     assert json.loads(sent[0])["verb"] == verb

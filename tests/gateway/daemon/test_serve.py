@@ -182,7 +182,7 @@ def test_verbs_of_an_arm(one):
     assert one.cardan("daemon", "arm", "one", "get_parameter", "controllerGain") == "0.2\n"
 
 
-def test_who_waits_for_a_session_that_is_killed_is_told_at_once(one):
+def test_who_waits_for_a_session_that_is_killed_is_reported_at_once(one):
     with daemon_arm("one", path=one.socket) as arm:
         motion = arm.movv([0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
         os.kill(one.row("one")["pid"], signal.SIGSTOP)

@@ -89,14 +89,14 @@ def test_files_that_are_not_there(tmp_path):
 @pytest.fixture
 def systemctl(tmp_path, monkeypatch):
     """A systemctl that records its arguments."""
-    told = tmp_path / "told"
+    reported = tmp_path / "told"
     program = tmp_path / "bin" / "systemctl"
     program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\necho "$@" >> {told}\n')
+    program.write_text(f'#!/bin/sh\necho "$@" >> {reported}\n')
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    return told
+    return reported
 
 
 def test_it_is_installed_and_removed(file, systemctl):

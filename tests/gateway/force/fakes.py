@@ -46,7 +46,7 @@ class FakeHaptic(HapticDevice):
         self.buttons = frozenset()
         self.events = []
         self.now_s = NEVER_S
-        self.told = HapticState()
+        self.haptic_state = HapticState()
         self.commands: list[HapticCommand] = []
         self.calls = []
         self.obstacle = ""
@@ -75,24 +75,24 @@ class FakeHaptic(HapticDevice):
 
     def render(self, command):
         self.commands.append(command)
-        enabled = self.told.state is OperatingState.ENABLED
-        self.told = self.told._replace(
+        enabled = self.haptic_state.state is OperatingState.ENABLED
+        self.haptic_state = self.haptic_state._replace(
             command_sequence=command.sequence,
             rendering=enabled and command.engaged and self.lets_out,
         )
 
     def haptics(self):
-        return self.told
+        return self.haptic_state
 
     def enable(self):
         self.calls.append("enable")
         if self.obstacle:
             raise CommandError(self.obstacle)
-        self.told = self.told._replace(state=OperatingState.ENABLED)
+        self.haptic_state = self.haptic_state._replace(state=OperatingState.ENABLED)
 
     def disable(self):
         self.calls.append("disable")
-        self.told = self.told._replace(state=OperatingState.DISABLED)
+        self.haptic_state = self.haptic_state._replace(state=OperatingState.DISABLED)
 
     def pause(self):
         raise NotImplementedError

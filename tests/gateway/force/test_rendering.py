@@ -85,7 +85,7 @@ def test_clutched_out_nothing_is_felt_and_nothing_was_enabled_before():
 def test_a_latched_fault_takes_a_new_clutch_in():
     bench = Bench([SPHERE])
     bench.cycle()
-    bench.device.told = HapticState(state=OperatingState.FAULT, reason="let go")
+    bench.device.haptic_state = HapticState(state=OperatingState.FAULT, reason="let go")
     bench.cycle(count=100)
     assert bench.device.calls == ["enable"]
     bench.cycle(world=None)
@@ -104,7 +104,7 @@ def test_a_device_that_cannot_be_enabled_says_why():
     bench.device.obstacle = ""
     bench.cycle(count=20)
     assert bench.renderer.diagnosis() == ()
-    assert bench.device.told.state is OperatingState.ENABLED
+    assert bench.device.haptic_state.state is OperatingState.ENABLED
 
 
 def test_a_fault_of_after_the_clutch_in_needs_another_one():
@@ -112,15 +112,17 @@ def test_a_fault_of_after_the_clutch_in_needs_another_one():
     bench.device.obstacle = "not ready yet"
     bench.cycle()
     bench.device.obstacle = ""
-    bench.device.told = bench.device.told._replace(state=OperatingState.FAULT, faults=1)
+    bench.device.haptic_state = bench.device.haptic_state._replace(
+        state=OperatingState.FAULT, faults=1
+    )
     bench.cycle(count=100)
-    assert bench.device.told.state is OperatingState.FAULT
+    assert bench.device.haptic_state.state is OperatingState.FAULT
     bench.cycle(world=None)
     bench.cycle()
-    assert bench.device.told.state is OperatingState.ENABLED
+    assert bench.device.haptic_state.state is OperatingState.ENABLED
 
 
-def test_a_command_that_was_not_taken_is_told_until_one_is(monkeypatch):
+def test_a_command_that_was_not_taken_is_reported_until_one_is(monkeypatch):
     bench = Bench([SPHERE])
     bench.cycle()
     take = bench.device.render
@@ -176,7 +178,7 @@ def test_a_hand_without_a_pose_is_not_engaged():
 
 def test_the_sequence_goes_on_where_the_device_is():
     device = FakeHaptic()
-    device.told = HapticState(command_sequence=41)
+    device.haptic_state = HapticState(command_sequence=41)
     renderer = ForceRenderer(device, FixtureSet([SPHERE]))
     renderer.start(lambda state: state.pose)
     looked = DeviceState(1.0, DeviceLink.LIVE, REST, frozenset(), HAND)
@@ -296,7 +298,7 @@ def test_the_zero_is_taken_before_the_first_clutch_in():
 
 def test_without_rendering_the_device_is_only_looked_at():
     bench = Bench([SPHERE], rendering=False)
-    bench.device.told = HapticState(force=Vector3(0.0, 0.0, 1.5))
+    bench.device.haptic_state = HapticState(force=Vector3(0.0, 0.0, 1.5))
     bench.device.commands.append(None)
     assert bench.cycle(count=10) is None
     bench.renderer.stop()
@@ -308,7 +310,7 @@ def test_without_rendering_the_device_is_only_looked_at():
 
 def test_the_summary_has_what_was_felt_and_what_was_touched():
     bench = Bench([SPHERE], MeasuredSource(reaction=True), contact_target_n=5.0)
-    bench.device.told = HapticState(
+    bench.device.haptic_state = HapticState(
         state=OperatingState.ENABLED,
         force=Vector3(0.0, 0.0, 0.6),
         peak_n=0.7,
@@ -341,16 +343,18 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
 
 def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
     bench = Bench([], MeasuredSource(reaction=True))
-    bench.device.told = HapticState(state=OperatingState.ENABLED, rendering=True)
+    bench.device.haptic_state = HapticState(state=OperatingState.ENABLED, rendering=True)
     bench.cycle(count=50, force=(0.0, 0.0, 0.0))
     assert bench.renderer.report().rendered_stiffness_n_m is None
     # Pressed down by 0 to 20 mm against 60 N/m, then lifted and moved on in free air.
     for k in range(501):
         depth_m = 4e-5 * k
-        bench.device.told = bench.device.told._replace(force=Vector3(0.0, 0.0, 60.0 * depth_m))
+        bench.device.haptic_state = bench.device.haptic_state._replace(
+            force=Vector3(0.0, 0.0, 60.0 * depth_m)
+        )
         hand = Pose(Vector3(0.01, 0.0, 0.05 - depth_m), IDENTITY)
         bench.cycle(force=(0.0, 0.0, 6.0), hand=hand)
-    bench.device.told = bench.device.told._replace(force=Vector3(0.0, 0.0, 0.5))
+    bench.device.haptic_state = bench.device.haptic_state._replace(force=Vector3(0.0, 0.0, 0.5))
     bench.cycle(count=100, force=(0.0, 0.0, 0.0))
     bench.cycle(count=500, force=(0.0, 0.0, 0.0), hand=Pose(Vector3(0.01, 0.0, 0.0), IDENTITY))
     report = bench.renderer.report()
@@ -391,7 +395,7 @@ def test_the_rule_of_stability_has_the_numbers_of_the_literature():
     assert stable_stiffness_n_m(5.0, 0.004, 0.05) == pytest.approx(96.0, rel=0.01)
 
 
-def test_a_loop_that_will_not_do_is_told_with_its_numbers():
+def test_a_loop_that_will_not_do_is_reported_with_its_numbers():
     loop = {
         "motion_scale": 1.0,
         "environment_stiffness_n_m": 10_000.0,

@@ -183,7 +183,7 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
 
 
 @pytest.mark.parametrize(
-    ("told", "within_s", "words"),
+    ("haptic_state", "within_s", "words"),
     [
         ({"state": OperatingState.FAULT, "reason": "fault: it flew"}, 0.0, "fault: it flew"),
         ({"state": OperatingState.DISABLED, "reason": "not enabled"}, 0.0, "not enabled"),
@@ -200,13 +200,14 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
         ),
     ],
 )
-def test_a_force_that_vanishes_takes_the_hand_off_the_robot(told, within_s, words):
+def test_a_force_that_vanishes_takes_the_hand_off_the_robot(haptic_state, within_s, words):
     def vanish(k, now_s, place):
         if k == 300:
-            s.device.told = s.device.told._replace(**told)
+            s.device.haptic_state = s.device.haptic_state._replace(**haptic_state)
         if k == 450:
-            s.device.told = HapticState(
-                state=OperatingState.ENABLED, command_sequence=s.device.told.command_sequence
+            s.device.haptic_state = HapticState(
+                state=OperatingState.ENABLED,
+                command_sequence=s.device.haptic_state.command_sequence,
             )
         if k == 500:
             s.device.press("button_2")
@@ -229,7 +230,7 @@ def test_the_robot_brakes_when_the_force_is_lost_and_says_so():
 
     def fault(k, now_s, place):
         if k == 300:
-            s.device.told = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
+            s.device.haptic_state = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
         places.append(place.x)
         messages.append(s.controller.status().message)
         return {}
@@ -247,7 +248,7 @@ def test_the_robot_brakes_when_the_force_is_lost_and_says_so():
 
 def test_without_a_force_to_lose_nothing_is_lost():
     def fault(k, now_s, place):
-        s.device.told = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
+        s.device.haptic_state = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
         return {}
 
     s = session(400, fault)
@@ -263,7 +264,7 @@ def test_a_clutch_in_deep_in_a_fixture_ends_within_a_second():
         s.device.lets_out = k >= 500
         if k == 500:
             waited.append(place.x)
-        s.device.told = s.device.told._replace(
+        s.device.haptic_state = s.device.haptic_state._replace(
             reason="too large to engage with", force_commanded=Vector3(-5.0, 0.0, 0.0)
         )
         if k == 600:
@@ -291,9 +292,9 @@ def test_a_force_that_cannot_be_enabled_lets_nobody_drive():
     assert s.robot.place == START
 
 
-def test_the_reason_of_a_reduced_force_is_told_while_the_hand_is_followed():
+def test_the_reason_of_a_reduced_force_is_reported_while_the_hand_is_followed():
     def limit(k, now_s, place):
-        s.device.told = s.device.told._replace(reason="limited to spare the motors")
+        s.device.haptic_state = s.device.haptic_state._replace(reason="limited to spare the motors")
         return {}
 
     s = session(300, limit, fixtures=[SPHERE])
@@ -390,7 +391,7 @@ def test_what_may_not_be_stable_is_said_at_the_start():
 
 def test_the_view_shows_the_force(capsys):
     s = session(force={"source": "measured"})
-    s.device.told = HapticState(
+    s.device.haptic_state = HapticState(
         state=OperatingState.ENABLED,
         force=Vector3(0.0, 0.0, 1.25),
         peak_n=1.5,

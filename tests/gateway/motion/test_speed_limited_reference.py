@@ -415,7 +415,7 @@ def test_walls_come_first_and_the_rest_as_far_as_it_fits(now, target, gaps, side
     assert reference.linear == pytest.approx(expected_at_walls(now, target, place), abs=1e-9)
 
 
-def test_a_wall_is_told_where_it_holds_and_not_where_the_reference_rests_at_it():
+def test_a_wall_is_reported_where_it_holds_and_not_where_the_reference_rests_at_it():
     at = Pose(Vector3(0.5, 0.0, 0.875), IDENTITY)
     for walls in ((0.75, 0.875), (0.875, 1.0)):
         reference = placed(ReferenceLimits(workspace_z_m=walls), at)

@@ -225,8 +225,8 @@ def test_clutch_and_dead_man_together_are_both_needed():
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])
-@pytest.mark.parametrize("told_anew", [False, True])
-def test_a_button_held_through_a_loss_is_not_pressed_anew(link, told_anew):
+@pytest.mark.parametrize("reported_anew", [False, True])
+def test_a_button_held_through_a_loss_is_not_pressed_anew(link, reported_anew):
     bench = DevicePoseBench().run().press("button_2").run(0.1).send_pose(displaced(x=0.1)).run(0.2)
     live = bench.device
     bench.device = live._replace(link=link, buttons=frozenset())
@@ -234,7 +234,7 @@ def test_a_button_held_through_a_loss_is_not_pressed_anew(link, told_anew):
     assert bench.core.at_rest
     assert not bench.core.following
     bench.device = live._replace(pose=bench.device_goal)
-    if told_anew:
+    if reported_anew:
         bench.press("button_2")
     bench.run(0.5)
     assert not bench.core.following
@@ -544,7 +544,7 @@ def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
 @settings(max_examples=examples(30))
 @given(plans)
 def test_nothing_moves_without_a_following_hand(plan):
-    """With a robot that is where it is told, so that nothing has to come back."""
+    """With a robot that is where it is commanded, so that nothing has to come back."""
     plan = [step for step in plan if step[0][0] != "stuck"]
     bench = DevicePoseBench(recapture="button_1").run().tap("button_2")
     play(bench, plan)

@@ -330,7 +330,7 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
             rested = True
 
 
-def test_a_button_that_the_device_has_not_is_told_in_place_of_an_act_that_cannot_be():
+def test_a_button_that_the_device_has_not_is_reported_in_place_of_an_act_that_cannot_be():
     asked = Asked().seen()
     asked.source.complaint = "mapping.deadman: the device has no button 'left'; it has: go"
     asked.tick()
@@ -531,7 +531,7 @@ def test_a_suspended_hand_is_followed_on_without_a_motion():
     assert asked.source.device_map()
 
 
-def test_what_the_hand_is_told():
+def test_what_the_hand_is_reported():
     assert Asked().arm().source.remark == ""
     asked = posed()
     assert asked.source.remark == ""
@@ -771,7 +771,7 @@ def test_filters_shape_motion_one_after_the_other_and_begin_none():
     assert not Asked(BARE).tick(REST).filter_fault
 
 
-def test_what_filters_say_is_told():
+def test_what_filters_say_is_reported():
     asked = Asked()
     asked.source.filters = (
         Filter(fails, lambda: "slow here"),
@@ -830,24 +830,24 @@ CLUTCHES = MappingOptions(clutch="right", deadman=("left", "up"))
         ),
     ],
 )
-def test_how_to_go_on_is_told(options, arming, axes, held, words):
+def test_how_to_go_on_is_reported(options, arming, axes, held, words):
     asked = Asked(options)
     assert asked.source.advice("why; ", arming) == "why; "  # Nothing was seen of the device.
     asked.tick(axes, *held, input_ignored=True)
     assert asked.source.advice("why; ", arming) == f"why; {words}"
 
 
-def test_a_reason_that_is_the_device_s_own_is_told_once():
+def test_a_reason_that_is_the_device_s_own_is_reported_once():
     asked = Asked()
     asked.tick(link=DeviceLink.LOST)
     assert asked.source.advice("", Arming.DISARMED) == "the device is lost"
     assert asked.source.advice("held; ", Arming.DISARMED) == "held; the device is lost"
     assert asked.source.advice("the device is lost; ", Arming.DISARMED) == "the device is lost"
-    told = DeviceState(1.0, DeviceLink.LOST, REST, frozenset(), reason="unplugged")
-    assert asked.source._fault(told, 1.0, False) == "unplugged"
+    reported = DeviceState(1.0, DeviceLink.LOST, REST, frozenset(), reason="unplugged")
+    assert asked.source._fault(reported, 1.0, False) == "unplugged"
 
 
-def test_a_refusal_is_told_in_place_of_why():
+def test_a_refusal_is_reported_in_place_of_why():
     asked = Asked(CLUTCH).seen()
     asked.tick(FORWARD, "right", events=[press()])
     asked.tick(REST)

@@ -231,7 +231,7 @@ def test_one_that_must_wait_among_others_waits():
     assert one.check(asked(f"/?t=guess-01234&t={ADMIN}"), 5.0).status == 429
 
 
-def test_who_gives_none_is_told_so_whatever_was_guessed():
+def test_who_gives_none_is_informed_whatever_was_guessed():
     one = door()
     for number in range(ADDRESS_BURST):
         one.check(asked(f"/?t={number:08}-guess-67"), 5.0)

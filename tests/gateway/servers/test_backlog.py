@@ -82,9 +82,9 @@ def test_calls_and_goals_that_waited_are_refused_but_for_what_ends_something():
         client.send("send_action_goal", action="/fib", action_type=fibonacci, args={}, id="goal")
         answers = {}
         while len(answers) < 4:
-            told = client.receive()
-            if told["op"] in ("service_response", "action_result"):
-                answers[told["id"]] = told
+            reported = client.receive()
+            if reported["op"] in ("service_response", "action_result"):
+                answers[reported["id"]] = reported
         assert called == ["stop", "stat"]
         assert "too late to act on" in str(answers["movl"]["values"])
         assert "too late to act on" in str(answers["goal"]["values"])
@@ -165,5 +165,5 @@ def test_nothing_is_published_late_after_a_flood_has_ended(seconds):
         paused = late_s >= HANDLED_S and pauses.longest_s >= 0.5 * HANDLED_S
         return late_s, f"this computer {STOOD_STILL} {pauses.longest_s:.2f} s" if paused else ""
 
-    late_s, _ = done_again(published_late, reason=lambda told: told[1])
+    late_s, _ = done_again(published_late, reason=lambda reported: reported[1])
     assert late_s < HANDLED_S

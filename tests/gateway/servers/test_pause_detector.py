@@ -27,13 +27,13 @@ TWIST = "geometry_msgs/msg/Twist"
     ],
 )
 def test_who_did_nothing_for_long_stood_still(passed_s, worked_s, still):
-    told = []
-    watch = StandStill(told.append)
+    reported = []
+    watch = StandStill(reported.append)
     watch.observe(100.0, 7.0)
     watch.observe(100.0 + passed_s, 7.0 + worked_s)
-    assert told == ([pytest.approx(passed_s)] if still else [])
+    assert reported == ([pytest.approx(passed_s)] if still else [])
     watch.observe(100.1 + passed_s, 7.0 + worked_s)
-    assert len(told) == still
+    assert len(reported) == still
 
 
 def stand_still(stands, patched):

@@ -155,8 +155,8 @@ async def test_a_cancellation_right_after_its_goal_is_for_when_it_is_accepted():
         await bench.settle()
         assert bench.server.codes[-1] is CancelCode.NONE
         assert bench.server.states == [GoalStatus.CANCELED]
-        (told,) = bench.sent
-        assert (told["op"], told["id"], told["status"]) == ("action_result", "g", 5)
+        (reported,) = bench.sent
+        assert (reported["op"], reported["id"], reported["status"]) == ("action_result", "g", 5)
 
 
 @in_loop
@@ -230,8 +230,8 @@ async def test_a_client_that_leaves_asks_at_once_too():
         (Failure("/move/_action/cancel_goal: no reply"), "no reply"),
     ],
 )
-def test_a_client_is_told_that_its_goal_is_not_canceled(answer, words):
-    async def told():
+def test_a_client_is_reported_that_its_goal_is_not_canceled(answer, words):
+    async def reported():
         async with a_goal() as bench:
             bench.ask("set_level", level="error")
             bench.server.accept()
@@ -243,4 +243,4 @@ def test_a_client_is_told_that_its_goal_is_not_canceled(answer, words):
             assert (status["op"], status["id"]) == ("status", "g")
             assert words in status["msg"]
 
-    asyncio.run(told())
+    asyncio.run(reported())

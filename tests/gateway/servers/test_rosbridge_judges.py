@@ -79,7 +79,7 @@ def world():
     return World()
 
 
-def told(command, folder=None):
+def reported(command, folder=None):
     """Return the output of a program: one JSON object."""
     result = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False
@@ -204,7 +204,7 @@ ros.terminate()
 def test_roslibpy(world):
     pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
     with rosbridge(world.network) as running:
-        found = told([sys.executable, "-c", ROSLIBPY, str(running.port)])
+        found = reported([sys.executable, "-c", ROSLIBPY, str(running.port)])
     check_common(found, world)
     assert found["joints"]["position"] == [0.5, -1]
     assert found["joints"]["effort"] == [None]
@@ -363,14 +363,16 @@ def check_roslib(found, world):
 
 
 def test_roslib_1(world, serving):
-    found = told(["node", "-e", ROSLIB_1, "--", str(serving.port)], installed("roslib", "1.4.1"))
+    found = reported(
+        ["node", "-e", ROSLIB_1, "--", str(serving.port)], installed("roslib", "1.4.1")
+    )
     check_roslib(found, world)
     assert found["png"]["position"] == [0.5, -1]
 
 
 def test_roslib_2(world, serving):
     command = ["node", "--input-type=module", "-e", ROSLIB_2, "--", str(serving.port)]
-    found = told(command, installed("roslib", "2.1.0"))
+    found = reported(command, installed("roslib", "2.1.0"))
     check_roslib(found, world)
     assert found["fragmented"]["position"] == [0.5, -1]
     assert found["feedback"][0]["joint_names"] == ["a"]

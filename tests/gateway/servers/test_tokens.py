@@ -73,5 +73,5 @@ def test_a_file_is_read_up_to_its_limit(own_file):
         ({}, ""),
     ],
 )
-def test_who_starts_the_server_is_told_an_operators_token_rather_than_an_admins(roles, found):
+def test_who_starts_the_server_is_reported_an_operators_token_rather_than_an_admins(roles, found):
     assert tokens.Tokens(roles).for_starter() == found

@@ -91,13 +91,13 @@ class Rosbridge:
         client.send("advertise", topic=TOPIC, type=TWIST)
         client.settle()
 
-        def told(words):
+        def reported(words):
             while True:
                 frame = client.receive()
                 if frame["op"] == "status" and words in frame["msg"]:
                     return frame["level"] == "error"
 
-        return lambda *what: client.send("publish", topic=TOPIC, msg=fields(*what)), told
+        return lambda *what: client.send("publish", topic=TOPIC, msg=fields(*what)), reported
 
     def source(self, name, number):
         return f"ros2 /rosbridge_client_{number}"
@@ -148,7 +148,7 @@ class Joined:
     def __init__(self, transport, name):
         self._stack = ExitStack()
         transport.stack, before = self._stack, transport.stack
-        self.publish, self.told = transport.join(name)
+        self.publish, self.reported = transport.join(name)
         transport.stack = before
 
     def leave(self):
@@ -171,32 +171,32 @@ def owner(here):
 
 
 @pytest.mark.parametrize("transport", [Zenoh, Rosbridge, Dds])
-def test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so(transport):
+def test_the_first_moves_the_arm_and_the_second_is_refused_and_informed(transport):
     with session() as here, ExitStack() as stack:
         over = transport(here, stack)
         first, _ = over.join("joystick")
-        second, told = over.join("script")
+        second, reported = over.join("script")
         mine = over.source("joystick", 1)
         with Streaming(first, -SHARE):
             until(lambda: owner(here) == mine)
             with Streaming(second, SHARE):
-                refused = here.told("refused", over.source("script", 2))
+                refused = here.reported("refused", over.source("script", 2))
                 before = height(here)
                 until(lambda: height(here) < before - 0.1)
                 assert owner(here) == mine
         assert refused["source"] == over.source("script", 2)
         assert refused["reason"] == f"twst: {mine!r} has authority over the arm"
-        if told is not None:
-            assert told("has authority over the arm")
+        if reported is not None:
+            assert reported("has authority over the arm")
 
 
 @pytest.mark.parametrize("transport", [Rosbridge])
-def test_a_client_whose_clock_is_not_known_yet_is_told_so_once(transport):
+def test_a_client_whose_clock_is_not_known_yet_is_informed_once(transport):
     unknown = "the clock of its sender is not known yet"
     with session() as here, ExitStack() as stack:
-        publish, told = transport(here, stack).join("joystick")
+        publish, reported = transport(here, stack).join("joystick")
         with Streaming(lambda share: publish(share, time.time_ns()), SHARE):
-            assert told(unknown)
+            assert reported(unknown)
             until(lambda: any(each["outcome"] == "accepted" for each in here.results))
         assert sum(unknown in each["reason"] for each in here.results) == 1
 
@@ -228,6 +228,6 @@ def test_another_one_moves_the_arm_after_the_lease_of_the_one_that_has_gone(tran
         until(lambda: here.rests)
         before = height(here)
         with Streaming(second, SHARE):
-            assert here.told("refused", others)
+            assert here.reported("refused", others)
             until(lambda: owner(here) == others)
             until(lambda: height(here) > before + 0.02)

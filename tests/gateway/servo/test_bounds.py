@@ -74,7 +74,7 @@ def test_shares_scale_speed_and_acceleration():
     assert low == pytest.approx(-high)
 
 
-def test_joints_at_a_bound_are_told():
+def test_joints_at_a_bound_are_reported():
     each = bounds()
     low, high = limits(each, np.array(ARM.arm.home), np.zeros(N), 0.002)
     v = np.zeros(N)

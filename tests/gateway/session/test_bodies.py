@@ -20,7 +20,7 @@ from cardan.gateway.session.cautions import cautions
 from cardan.gateway.session.scene import scene_of
 from cardan.robots import OrientedBox, load_arm
 from cardan.types import Vector3
-from tests.doctor.told import told
+from tests.doctor.levels_and_codes import levels_and_codes
 
 SAID = "6 of 6 links have no body: "
 BOX = '[[obstacles]]\nname = "box"\nbox = [[0.2, -0.2, 0.0], [0.6, 0.2, 0.4]]\n'
@@ -79,17 +79,17 @@ def test_a_singular_home_is_said(session, tmp_path):
     (words,) = cautions(load_config(file))
     assert words.startswith("arm: its home is singular (0.000)")
     found = looked_at(file)
-    assert told(Files, found) == [("caution", "caution")]
+    assert levels_and_codes(Files, found) == [("caution", "caution")]
 
 
 def test_the_doctor_says_it(session):
     file = session("")
     found = looked_at(file)
-    assert told(Files, found) == [("caution", "caution")]
+    assert levels_and_codes(Files, found) == [("caution", "caution")]
     assert SAID in found[0].what
     file = session(BOX)
     found = looked_at(file)
-    assert ("failure", "file") in told(Files, found)
+    assert ("failure", "file") in levels_and_codes(Files, found)
     assert any(SAID in each.what for each in found)
 
 

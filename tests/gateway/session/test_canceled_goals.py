@@ -112,8 +112,8 @@ def canceled_at_once(network, watcher, verb):
     ended = ask(network, f"{base}/cancel_goal", CANCEL_TYPE, goal_info={"goal_id": goal_id})
     assert answer(sent, f"{type_name}_SendGoal")["accepted"]
     code = answer(ended, CANCEL_TYPE)["return_code"]
-    told = ask(network, f"{base}/get_result", f"{type_name}_GetResult", goal_id=goal_id)
-    assert answer(told, f"{type_name}_GetResult")["status"] == GoalStatus.CANCELED
+    reported = ask(network, f"{base}/get_result", f"{type_name}_GetResult", goal_id=goal_id)
+    assert answer(reported, f"{type_name}_GetResult")["status"] == GoalStatus.CANCELED
     assert_stays(watcher, z)
     return code
 
@@ -177,8 +177,8 @@ def test_by_rosbridge(rosbridge, watcher, verb):
             send(client, verb, watcher)
             cancel = {"op": "cancel_action_goal", "id": "g", "action": f"{ARM}/action/{verb}"}
             client.send(json.dumps(cancel))
-            told = json.loads(client.recv(timeout=TIMEOUT_S))
-            assert (told["op"], told["status"]) == ("action_result", GoalStatus.CANCELED)
+            reported = json.loads(client.recv(timeout=TIMEOUT_S))
+            assert (reported["op"], reported["status"]) == ("action_result", GoalStatus.CANCELED)
             assert_stays(watcher, z)
 
 

@@ -246,7 +246,7 @@ def test_a_file_with_a_wrong_filter_is_refused_whole(tmp_path):
 @pytest.mark.parametrize(
     "wrong", ["", "[limits]\nlinear_sped_m_s = 1\n", "[arm]\nmodel = 5\n"], ids=str
 )
-def test_each_wrong_key_of_a_file_is_told_in_a_line_with_its_place(tmp_path, wrong):
+def test_each_wrong_key_of_a_file_is_reported_in_a_line_with_its_place(tmp_path, wrong):
     path = tmp_path / "session.toml"
     path.write_text(
         '[device]\ndriver = "spacemouse"\ndead_zon = 0.1\n'
@@ -384,7 +384,7 @@ def test_any_table_is_a_configuration_or_an_error(table):
         ('[device]\ndriver = "leap"\nhost = "192.168.125.300"\n', "3:1: device.host: "),
     ],
 )
-def test_what_is_wrong_in_a_file_is_told_with_its_line_and_column(tmp_path, text, words):
+def test_what_is_wrong_in_a_file_is_reported_with_its_line_and_column(tmp_path, text, words):
     path = tmp_path / "cell.toml"
     path.write_text(f'{text}[robot]\ndriver = "abb_egm"\n', encoding="utf-8")
     with pytest.raises(ConfigurationError, match=rf"cell\.toml:{words}"):

@@ -99,8 +99,10 @@ def test_after_a_fault_nothing_is_rendered_until_it_was_stopped_or_silent():
     bench.run(0.5, PUSH)
 
     def fault():
-        bench.device.told = bench.device.told._replace(
-            state=OperatingState.FAULT, faults=bench.device.told.faults + 1, reason="it flew"
+        bench.device.haptic_state = bench.device.haptic_state._replace(
+            state=OperatingState.FAULT,
+            faults=bench.device.haptic_state.faults + 1,
+            reason="it flew",
         )
 
     fault()

@@ -401,11 +401,11 @@ def test_the_words_say_how_far_a_neighbor_may_come_that_is_fast():
         session.cycle(INWARD)
         if "nearer" in session.message:
             break
-    told = re.search(
+    reported = re.search(
         r"right's \w+, which may come (\d+) mm nearer by itself, and \w+ are", session.message
     )
-    assert told is not None
-    assert int(told[1]) > SAFETY_M * 1e3
+    assert reported is not None
+    assert int(reported[1]) > SAFETY_M * 1e3
 
 
 def unavailable(*_arguments):
@@ -552,7 +552,7 @@ def test_arms_of_one_robot_that_hold_it_differently_are_refused(tmp_path):
     assert "by 100 mm and 0.0 degrees: give both files the same [hold]" in str(no.value)
 
 
-def test_what_a_neighbor_of_the_same_robot_moves_is_told_once(tmp_path):
+def test_what_a_neighbor_of_the_same_robot_moves_is_reported_once(tmp_path):
     config = of_one_tree(tmp_path, 'base = "l/mount"', 'base = "r/mount"')
     around = json.loads(scene_of(config))
     own = {each["name"] for each in around["shapes"]}

@@ -218,8 +218,8 @@ def quick_and_at_rest(user):
         ("trajectory_reference_acceleration", 1.0),
         ("frame", "base"),
     ):
-        told = user.set(name, value)
-        assert told["successful"], told["reason"]
+        reported = user.set(name, value)
+        assert reported["successful"], reported["reason"]
     user.heard(f"{ARM}/result")
     user._results.clear()  # Publishers of each type count their messages from 1.
     yield
@@ -241,7 +241,7 @@ def test_the_arm_is_on_the_graph(user):
 
 @pytest.mark.real
 def test_a_topic_moves_the_arm_and_its_result_tells(user):
-    def told():
+    def reported():
         user.rest()
         target = user.moved(-0.04)
         number = user.publish("/command/movl", POSE, target)
@@ -249,7 +249,7 @@ def test_a_topic_moves_the_arm_and_its_result_tells(user):
         ended = user.outcome("movl", number, "done", "aborted", "refused")
         return begun, ended, target
 
-    begun, ended, target = done_again(told)
+    begun, ended, target = done_again(reported)
     assert begun == ("accepted", "")
     assert ended == ("done", "")
     user.until_at(target)
@@ -268,12 +268,12 @@ def test_a_stream_under_another_programs_name_moves_the_arm_and_ends(user, topic
         sample = pose.poll()
         if sample is None:
             return False
-        told = codec_of("geometry_msgs/msg/PoseStamped").decode(sample.data)
-        return told["pose"]["position"]["z"] > before + 0.005
+        reported = codec_of("geometry_msgs/msg/PoseStamped").decode(sample.data)
+        return reported["pose"]["position"]["z"] > before + 0.005
 
     until(moved, "the motion")
-    told = codec_of("moveit_msgs/msg/ServoStatus").decode(until(status.poll, "the status").data)
-    assert told["code"] >= 0
+    reported = codec_of("moveit_msgs/msg/ServoStatus").decode(until(status.poll, "the status").data)
+    assert reported["code"] >= 0
     state = codec_of("crtk_msgs/msg/OperatingState")
     assert state.decode(until(operating.poll, "the state").data)["state"] == "ENABLED"
     user.settled()
@@ -300,9 +300,9 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_canceled(user):
         return user.result(action, MOVE, sent[-1])
 
     assert done_again(moved) == (GoalStatus.SUCCEEDED, {"success": True, "message": ""})
-    told = [bytes(each["goal_id"]["uuid"]) for each in user.heard(f"{action}/_action/feedback")]
-    assert sent[-1] in told
-    assert {*told} <= {*sent}
+    reported = [bytes(each["goal_id"]["uuid"]) for each in user.heard(f"{action}/_action/feedback")]
+    assert sent[-1] in reported
+    assert {*reported} <= {*sent}
     feedback.close()
 
     def canceled():
@@ -323,9 +323,9 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_canceled(user):
     assert len(answer["goals_canceling"]) == 1, (answer, status, result)
     assert status is GoalStatus.CANCELED
     goal_id = user.send(action, MOVE, {"x": {"position": {"x": 9}}})
-    status, told = user.result(action, MOVE, goal_id)
+    status, reported = user.result(action, MOVE, goal_id)
     assert status is GoalStatus.ABORTED
-    assert "movl" in told["message"]
+    assert "movl" in reported["message"]
 
 
 def test_a_goal_of_the_released_type_is_answered(user):
@@ -365,8 +365,12 @@ def test_a_plan_of_moveit_is_carried_out(user):
         "goal_time_tolerance": {"sec": 1},
     }
     goal_id = user.send(FOLLOW_NAME, FOLLOW, given)
-    status, told = user.result(FOLLOW_NAME, FOLLOW, goal_id)
-    assert (status, told["error_code"], told["error_string"]) == (GoalStatus.SUCCEEDED, 0, "")
+    status, reported = user.result(FOLLOW_NAME, FOLLOW, goal_id)
+    assert (status, reported["error_code"], reported["error_string"]) == (
+        GoalStatus.SUCCEEDED,
+        0,
+        "",
+    )
 
     def arrived():
         found = joints.poll()
@@ -417,20 +421,20 @@ def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
         f'{{mode: "peer", connect: {{endpoints: ["{user.node.options.router}"]}}, '
         "listen: {endpoints: []}, scouting: {multicast: {enabled: false}}}"
     )
-    told = json.loads(
+    reported = json.loads(
         subprocess.run(
             [sys.executable, "-m", "tests.ros2_dora", str(config), ARM],
             env={**os.environ, "AMENT_PREFIX_PATH": str(tmp_path)},
             stdout=subprocess.PIPE, check=True, timeout=100.0,
         ).stdout
     )  # fmt: skip
-    assert told["stop"] == {"success": True, "message": ""}
-    assert told["pose"]["header"]["frame_id"] == "base_link"
-    assert told["accepted"]["outcome"] == "accepted"
-    assert told["wait"]["success"]
-    assert told["types"] == [3, 4]
-    assert told["feedback"]["pose"]["header"]["frame_id"] == "base_link"
-    assert told["result"][1] == {"success": True, "message": ""}
+    assert reported["stop"] == {"success": True, "message": ""}
+    assert reported["pose"]["header"]["frame_id"] == "base_link"
+    assert reported["accepted"]["outcome"] == "accepted"
+    assert reported["wait"]["success"]
+    assert reported["types"] == [3, 4]
+    assert reported["feedback"]["pose"]["header"]["frame_id"] == "base_link"
+    assert reported["result"][1] == {"success": True, "message": ""}
 
 
 # -- a publisher that dies ------------------------------------------------------------------------
@@ -463,8 +467,8 @@ with BusNode(BusOptions(router="{user.node.options.router}", listen=()), "stream
     outcomes = []
 
     def of_twists():
-        told = user.heard(f"{ARM}/result")
-        outcomes.extend(each["outcome"] for each in told if each["command"] == "twist")
+        reported = user.heard(f"{ARM}/result")
+        outcomes.extend(each["outcome"] for each in reported if each["command"] == "twist")
         return outcomes
 
     with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE) as streamer:
@@ -504,8 +508,8 @@ def test_the_stream_of_one_that_died_is_its_own_while_it_may_be_fresh(user):
     def refused():
         """As the arm says."""
         sent.add(user.publish("/command/twist", TWIST, {"linear": {"z": -0.03}}))
-        told = [each for each in user.heard(f"{ARM}/result") if each["sequence"] in sent]
-        return any("has authority over the arm" in each["reason"] for each in told)
+        reported = [each for each in user.heard(f"{ARM}/result") if each["sequence"] in sent]
+        return any("has authority over the arm" in each["reason"] for each in reported)
 
     until(refused, "the refusal")
     assert user.where()["position"]["z"] == pytest.approx(where, abs=1e-4)

@@ -45,7 +45,7 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(("code", "name"), [(-9, "SIGKILL"), (-11, "SIGSEGV")])
-def test_a_recorder_that_is_killed_makes_4_and_is_told(run, code, name):
+def test_a_recorder_that_is_killed_makes_4_and_is_reported(run, code, name):
     ended, said = run(code)
     assert ended == 4
     assert f"the recorder was ended by {name}: out.mcap has what came" in said
@@ -59,5 +59,5 @@ def test_every_other_end_of_it_but_a_good_one_makes_4(run, code, expected):
     assert "ended by" not in said
 
 
-def test_a_signal_without_a_name_is_told_by_its_number():
+def test_a_signal_without_a_name_is_reported_by_its_number():
     assert "ended by signal 99:" in why_incomplete(SimpleNamespace(code=-99), Path("r.mcap"))

@@ -444,10 +444,10 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
         with Supervising(PROGRAM, EXAMPLE) as program:
             if not program.until(program.is_moving, "motion"):
                 return program.stood_still
-            told = program.stop_for(1.6)
+            reported = program.stop_for(1.6)
             if program.stood_still:
                 return program.stood_still
-            assert_it_rested(*told, 1.6)
+            assert_it_rested(*reported, 1.6)
             assert not program.is_moving()
             program.say()
             until(lambda: "STREAM" in program.words)

@@ -35,13 +35,13 @@ TABLES = {
 }
 
 
-def told(tables):
+def reported(tables):
     """Return the scene of the arm of a session of these tables."""
     return json.loads(scene_of(parse_config(tables)))
 
 
 def test_obstacles_workspace_and_what_is_kept_to_them():
-    around = told(TABLES)
+    around = reported(TABLES)
     assert around["workspace_m"] == [[-0.5, 0.5], None, [0.0, 0.8]]
     table, pole, floor = around["obstacles"]
     assert table["name"] == "table"
@@ -60,7 +60,7 @@ def test_the_shapes_are_those_of_the_collision_model_each_after_its_joint():
         "robot": {"driver": "sim_arm", "robot": "teo_right_arm"},
         "arm": {"model": "teo_right_arm"},
     }
-    around = told(tables)
+    around = reported(tables)
     assert [each["name"] for each in around["shapes"]] == [each.name for each in model.shapes]
     assert {each["joint"] for each in around["shapes"]} <= {"", *model.joint_names}
     for each, shape in zip(around["shapes"], model.shapes, strict=True):
@@ -70,7 +70,7 @@ def test_the_shapes_are_those_of_the_collision_model_each_after_its_joint():
     assert around["reach_m"] == [list(each) for each in tcp_range_m(ArmKinematics(model))]
 
 
-def test_neighbors_are_told_with_all_that_places_their_bodies():
+def test_neighbors_are_reported_with_all_that_places_their_bodies():
     """By the joints of the JSON alone they are where the session keeps away from them."""
     neighbor = {
         "name": "right",
@@ -83,24 +83,24 @@ def test_neighbors_are_told_with_all_that_places_their_bodies():
     tables = {**TABLES, "network": {"namespace": "cell"}, "neighbors": [neighbor]}
     config = parse_config(tables)
     (bodies,) = make_neighbor_bodies(config)
-    (told,) = json.loads(scene_of(config))["neighbors"]
-    assert (told["name"], told["topic"]) == ("right", "/cell/right/joint_states")
-    assert told["max_age_s"] == 0.2
-    assert [each["name"] for each in told["joints"]] == list(bodies.names)
-    assert [each["name"] for each in told["shapes"]] == [each.name for each in bodies.shapes]
+    (reported,) = json.loads(scene_of(config))["neighbors"]
+    assert (reported["name"], reported["topic"]) == ("right", "/cell/right/joint_states")
+    assert reported["max_age_s"] == 0.2
+    assert [each["name"] for each in reported["joints"]] == list(bodies.names)
+    assert [each["name"] for each in reported["shapes"]] == [each.name for each in bodies.shapes]
 
     def placed(at):
         x, y, z, w = at["orientation"]
         return to_se3(Pose(Vector3(*at["position"]), Quaternion(w, x, y, z)))
 
     q = np.linspace(-0.4, 0.7, len(bodies.names))
-    frames = {"": placed(told["base"])}
+    frames = {"": placed(reported["base"])}
     at = frames[""]
-    for joint, value in zip(told["joints"], q, strict=True):
+    for joint, value in zip(reported["joints"], q, strict=True):
         assert not joint["slides"]
         turned = pin.SE3(pin.exp3(np.array(joint["axis"]) * value), np.zeros(3))
         frames[joint["name"]] = at = at * placed(joint) * turned
-    for shape, frame in zip(told["shapes"], bodies.frames(q.tolist()), strict=True):
+    for shape, frame in zip(reported["shapes"], bodies.frames(q.tolist()), strict=True):
         there = frames[shape["joint"]]
         np.testing.assert_allclose(there.homogeneous, frame.homogeneous, atol=1e-9)
 
@@ -108,7 +108,7 @@ def test_neighbors_are_told_with_all_that_places_their_bodies():
 def test_without_a_model_there_is_the_workspace_alone():
     tables = {**TABLES, "robot": {"driver": "sim_abb"}}
     del tables["arm"], tables["obstacles"]
-    around = told(tables)
+    around = reported(tables)
     assert around["workspace_m"][0] == [-0.5, 0.5]
     assert around["shapes"] == around["obstacles"] == []
     assert around["home"] is around["obstacle_m"] is around["own_body_m"] is None
@@ -116,7 +116,7 @@ def test_without_a_model_there_is_the_workspace_alone():
 
 
 def test_where_collisions_are_not_avoided_no_distance_is_kept():
-    around = told({**TABLES, "arm": {"model": "ur5", "collisions": False}, "obstacles": []})
+    around = reported({**TABLES, "arm": {"model": "ur5", "collisions": False}, "obstacles": []})
     assert around["obstacle_m"] is around["own_body_m"] is None
 
 

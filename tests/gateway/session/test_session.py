@@ -172,9 +172,9 @@ def test_snapshots_survive_figures_that_are_not_numbers():
 
 
 def test_a_published_snapshot_is_json_whatever_its_figures():
-    told = []
+    reported = []
     topics = SimpleNamespace(
-        put_snapshot=lambda text, _now_ns: told.append(text),
+        put_snapshot=lambda text, _now_ns: reported.append(text),
         put_diagnostics=lambda *_arguments: None,
         log=lambda *_arguments: None,
     )
@@ -182,7 +182,7 @@ def test_a_published_snapshot_is_json_whatever_its_figures():
     SessionNetwork.tell(
         network, Snapshot.of({"robot": {"metrics": {"period_s": float("nan")}}}), 0.0, 0
     )
-    (text,) = told
+    (text,) = reported
     assert json.loads(text, parse_constant=pytest.fail)["robot"]["metrics"] == {"period_s": None}
 
 
@@ -219,7 +219,7 @@ def test_a_button_that_a_device_may_have_beside_those_it_tells_is_taken(fake_dri
         session(mapping={"deadman": "button-24"}).run()
 
 
-def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_told(
+def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_reported(
     fake_drivers, monkeypatch
 ):
     known = FakeDevice.capabilities
@@ -238,8 +238,10 @@ def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_told
 
     monkeypatch.setattr(s, "_publish", seen_publish)
     last = s.run()
-    told = "mapping.deadman: the device has no button 'Go'; it has: go, grip; did you mean 'go'?"
-    assert told in {snapshot.arm.message for snapshot in seen}
+    reported = (
+        "mapping.deadman: the device has no button 'Go'; it has: go, grip; did you mean 'go'?"
+    )
+    assert reported in {snapshot.arm.message for snapshot in seen}
     assert last.tracking.path_m == 0.0
 
 
@@ -256,7 +258,9 @@ def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
         "capabilities",
         DeviceCapabilities(False, ("go", "grip"), frozenset({"rumble"}), False),
     )
-    monkeypatch.setattr(FakeDevice, "_feedback", lambda device, told: felt.append(told.rumble))
+    monkeypatch.setattr(
+        FakeDevice, "_feedback", lambda device, reported: felt.append(reported.rumble)
+    )
     walls = {"workspace_x_m": [0.4, 0.501]}
     table = {"feedback": {"rumble": ["limit"]}, "limits": walls, "robot": {"cycles": 100_000}}
     s = session(**table)
@@ -375,9 +379,9 @@ class TestADriverThatFails:
         for each in (s.robot, s.device):
             each.close = lambda: 1 / 0
         assert s.run().finished
-        told = [record.getMessage() for record in caplog.records]
+        reported = [record.getMessage() for record in caplog.records]
         names = ["FakeRobot", "FakeDevice"]
-        assert told == [f"{name} was not closed in good order" for name in names]
+        assert reported == [f"{name} was not closed in good order" for name in names]
 
     def test_opening(self, fake_drivers, monkeypatch):
         s = session(**FEW)
@@ -430,5 +434,5 @@ class TestAFilterThatFails:
         assert any(
             "the filter mine failed: ZeroDiv" in line for line in self.run("status").arm.filters
         )
-        told = self.run("diagnosis").diagnosis
-        assert "the filter mine failed: ZeroDivisionError: division by zero" in told
+        reported = self.run("diagnosis").diagnosis
+        assert "the filter mine failed: ZeroDivisionError: division by zero" in reported

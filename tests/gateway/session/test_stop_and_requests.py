@@ -228,7 +228,7 @@ def test_a_motion_tells_of_its_end_before_what_is_answered_after(bench):
     assert bench.heard() == (2, True)
 
 
-def test_a_motions_end_is_told_without_being_asked(bench):
+def test_a_motions_end_is_reported_without_being_asked(bench):
     bench.verbs.go_on.set()
     bench.ask(1, "movl", POSE)
     _, begun = bench.heard("movl")
@@ -492,8 +492,8 @@ def test_a_motion_that_ends_by_itself_outlives_who_asked_for_it(bench):
 def test_a_motion_without_end_does_not_begin_for_who_is_gone(bench):
     client = Watched()
     client.there = False
-    told = begin(bench, client, "movv", POSE)
-    assert told == ("refused", "movv: the node that asked is gone")
+    reported = begin(bench, client, "movv", POSE)
+    assert reported == ("refused", "movv: the node that asked is gone")
     assert bench.verbs.began == []
 
 
@@ -504,8 +504,8 @@ def test_a_motion_that_was_canceled_before_its_turn_does_not_begin(bench):
     bench.worker.offer(client, request, bench.now_s)
     wanted[0] = False
     bench.verbs.go_on.set()
-    told = client.heard.get(timeout=TIMEOUT_S)
-    assert told == ("refused", "movj: it was canceled before it began")
+    reported = client.heard.get(timeout=TIMEOUT_S)
+    assert reported == ("refused", "movj: it was canceled before it began")
     assert [each.verb for each in bench.verbs.began] == ["movl"]
     assert bench.verbs.stopped == 0
 

@@ -29,7 +29,7 @@ def command(tmp_path, monkeypatch):
     ],
     ids=["at once", "in pieces"],
 )
-def test_its_lines_are_told_apart_however_they_come(command, script):
+def test_its_lines_are_distinguished_however_they_come(command, script):
     command(f"trap 'printf st; exit 7' TERM; {script}; while :; do sleep 0.05; done")
     command = CardanSubprocess("net", "server", "console", ready_within_s=5.0)
     assert command.endpoint == "here"

@@ -156,7 +156,7 @@ def test_what_a_session_s_process_says_is_passed_on(waiting):
     assert b"".join(said) == b"a word\nanother\n"
 
 
-def test_a_session_logs_in_the_form_that_it_is_told(waiting):
+def test_a_session_logs_in_the_form_that_it_is_reported(waiting):
     said = []
     through = ("sh", "-c", 'echo "$@"; exec "$@"', "sh")
     process = SessionProcess(waiting, 0.2, through, said.append, log_format=LogFormat.PRIORITY)

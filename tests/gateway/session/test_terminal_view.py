@@ -108,7 +108,7 @@ def parts(snapshot):
     return {f"{k}__": v for k, v in vars(snapshot).items() if dataclasses.is_dataclass(v)}
 
 
-def told(**fields):
+def reported(**fields):
     """A snapshot as it comes from a session."""
     return Snapshot.from_bytes(changed(MOVING, **fields).to_bytes())
 
@@ -123,7 +123,7 @@ def told(**fields):
     ],
 )
 def test_no_text_of_others_commands_the_terminal(field, capsys):
-    snapshot = told(**{field: NASTY})
+    snapshot = reported(**{field: NASTY})
     SessionView(Console(file=io.StringIO())).show(snapshot)
     shows = capsys.readouterr().out, shown(render(snapshot)), shown(summary(snapshot))
     for text in (*shows, operator.attrgetter(field.replace("__", "."))(snapshot)):
@@ -132,7 +132,7 @@ def test_no_text_of_others_commands_the_terminal(field, capsys):
 
 
 def test_neither_does_a_diagnosis_a_filter_a_button_or_a_metric(capsys):
-    snapshot = told(
+    snapshot = reported(
         diagnosis=[NASTY],
         arm__filters=[NASTY],
         device__buttons=[NASTY],
@@ -142,8 +142,8 @@ def test_neither_does_a_diagnosis_a_filter_a_button_or_a_metric(capsys):
     SessionView(Console(file=io.StringIO())).show(snapshot)
     for text in (capsys.readouterr().out, shown(render(snapshot)), shown(summary(snapshot))):
         assert text.replace("\n", "").isprintable()
-    assert "[/x][red]seen" in shown(render(told(diagnosis=[NASTY])))
-    assert "[/x][red]seen" in shown(summary(told(arm__message=NASTY)))
+    assert "[/x][red]seen" in shown(render(reported(diagnosis=[NASTY])))
+    assert "[/x][red]seen" in shown(summary(reported(arm__message=NASTY)))
 
 
 def test_a_terminal_that_is_behind_is_given_no_older_frames(monkeypatch):

@@ -159,7 +159,7 @@ class PageOperator:
         self._task: asyncio.Task[None] | None = None
         self._closing: set[asyncio.Task[None]] = set()
         self._orders: set[asyncio.Task[None]] = set()
-        self._told_viewer = False
+        self._viewer_informed = False
         self._requests: dict[str, PublisherHandle] = {}
         """Publishers of requests for the authority, by topic."""
         self._calm, self._records = calm, records
@@ -243,8 +243,8 @@ class PageOperator:
         channel = self.channels.get(frame.channel)
         if channel is None:
             if self._role < Role.OPERATOR:
-                if not self._told_viewer:
-                    self._told_viewer = True
+                if not self._viewer_informed:
+                    self._viewer_informed = True
                     self._refuse(_VIEWER)
             else:
                 self._drop("without a channel")

@@ -124,16 +124,16 @@ def they_come_once_and_in_order(decoded: JointStreamTraffic) -> Verdict:
 
 
 @requires(105, f"{STATE}: the controller's cycle")
-def the_period_is_the_one_told(decoded: JointStreamTraffic) -> Verdict:
+def the_period_is_the_one_reported(decoded: JointStreamTraffic) -> Verdict:
     """States come in the period that they tell, to 2 % in the mean."""
     found = decoded.during("hold")
     if len(found) < 50:
         return not_seen("too few states")
     cycles = found[-1].value.sequence - found[0].value.sequence
     period_s = (found[-1].time_s - found[0].time_s) / max(1, cycles)
-    told_s = found[0].value.period_s
-    said = f"{period_s * 1e3:.3f} ms, told {told_s * 1e3:.3f}"
-    return met(abs(period_s / told_s - 1.0) < PERIOD_SHARE, said)
+    reported_s = found[0].value.period_s
+    said = f"{period_s * 1e3:.3f} ms, told {reported_s * 1e3:.3f}"
+    return met(abs(period_s / reported_s - 1.0) < PERIOD_SHARE, said)
 
 
 @requires(106, f"{STATE}: one state in each cycle")
@@ -406,7 +406,7 @@ def a_deserted_motion_ends(decoded: JointStreamTraffic) -> Verdict:
 
 
 @requires(301, f"{RULES} 5: in an emergency stop the reason says so")
-def an_emergency_stop_is_told(decoded: JointStreamTraffic) -> Verdict:
+def an_emergency_stop_is_reported(decoded: JointStreamTraffic) -> Verdict:
     """In an emergency stop states say why commands do not act, and the mode is hold."""
     found = [each for each in decoded.during("estop") if each.value.reason]
     if not found:

@@ -164,8 +164,8 @@ def the_session_is_the_newest(each: Said) -> str | None:
     """Commands have the session of the newest state, greetings 0."""
     if each.state is None or _greets(each.value):
         return None
-    told, newest = each.value.session, each.state.value.session
-    return "" if told == newest else f"session {told}, not {newest}"
+    reported, newest = each.value.session, each.state.value.session
+    return "" if reported == newest else f"session {reported}, not {newest}"
 
 
 class Pair(NamedTuple):
@@ -256,9 +256,9 @@ def stamps_advance_as_time_does(decoded: JointStreamTraffic) -> Verdict:
     if wrong:
         return failed(f"it goes back {len(wrong)} times", wrong)
     passes_s = found[-1].time_s - found[0].time_s
-    told_s = found[-1].value.stamp_s - found[0].value.stamp_s
-    said = f"{told_s:.3f} s in {passes_s:.3f} s"
-    return met(abs(told_s - passes_s) <= CLOCK_SHARE * passes_s, said, [found[-1].number])
+    reported_s = found[-1].value.stamp_s - found[0].value.stamp_s
+    said = f"{reported_s:.3f} s in {passes_s:.3f} s"
+    return met(abs(reported_s - passes_s) <= CLOCK_SHARE * passes_s, said, [found[-1].number])
 
 
 def _begins(decoded: JointStreamTraffic) -> Iterator[Said]:
@@ -352,10 +352,10 @@ def speeds_are_those_of_the_positions(each: tuple[Said, Said, float]) -> str:
     missing the arm goes on at them."""
     a, b, passed_s = each
     for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
-        told = 0.5 * (a.value.feed_forward[joint] + b.value.feed_forward[joint])
+        reported = 0.5 * (a.value.feed_forward[joint] + b.value.feed_forward[joint])
         speed = (q - p) / passed_s
-        if told and abs(told - speed) > UNLIKE_RAD_S + UNLIKE_SHARE * abs(speed):
-            return f"joint {joint + 1}: {told:.3f} rad/s told"
+        if reported and abs(reported - speed) > UNLIKE_RAD_S + UNLIKE_SHARE * abs(speed):
+            return f"joint {joint + 1}: {reported:.3f} rad/s told"
     return ""
 
 

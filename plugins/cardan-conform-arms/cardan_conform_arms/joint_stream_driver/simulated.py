@@ -42,7 +42,7 @@ class JointStreamDriverSimulation(DriverSimulation):
         self._heard_s = math.inf
         self._chatter_s = 0.0
         self._listens = self._ended = self._moves = self._lost = False
-        self._told = self._asked = self._sequence = 0
+        self._reported = self._asked = self._sequence = 0
         self._first = 0
         """Of the arm's sessions the first that was heard; 0: none yet."""
         self._from: tuple[float, tuple[float, ...], int] | None = None
@@ -121,7 +121,7 @@ class JointStreamDriverSimulation(DriverSimulation):
 
     def _spoilt(self, command: ArmCommand, joints: int, state: ArmState | None) -> bytes:
         faults = self._faults
-        self._told += 1
+        self._reported += 1
         self._sequence += int(faults.get("step-2", 1.0))
         session, mode = command.session, command.mode
         values, forward = command.values, command.feed_forward
@@ -139,9 +139,9 @@ class JointStreamDriverSimulation(DriverSimulation):
             joints = int(faults["joints"])
         stamp_s = faults.get("clock", 1.0) * command.stamp_s
         # Only a greeting lets a client count anew.
-        told = ArmCommand(session, self._sequence, stamp_s, mode, values, forward)
-        data = encode_command(told, joints)
-        return data[:-5] if strikes(faults, "truncated", self._told) else data
+        reported = ArmCommand(session, self._sequence, stamp_s, mode, values, forward)
+        data = encode_command(reported, joints)
+        return data[:-5] if strikes(faults, "truncated", self._reported) else data
 
     def _spoilt_positions(
         self, values: tuple[float, ...], forward: tuple[float, ...], state: ArmState | None
@@ -153,7 +153,7 @@ class JointStreamDriverSimulation(DriverSimulation):
             forward = (faults["begins-fast"],) * len(forward)
         if "stale" in faults and state is not None and state.session != self._first:
             values = tuple(q + 2.0 * WAY_RAD for q in values)
-        if self._told % EVERY == 0:
+        if self._reported % EVERY == 0:
             by = faults.get("beyond", 0.0) + faults.get("jump", 0.0)
             values = (values[0] + by, *values[1:])
         if "degrees" in faults:

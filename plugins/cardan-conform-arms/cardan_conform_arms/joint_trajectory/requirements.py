@@ -121,10 +121,10 @@ def feedback_is_of_a_goal(decoded: TrajectoryTraffic) -> Verdict:
     known = {goal.id for goal in decoded.goals}
     wrong = []
     for number, message in decoded.feedback:
-        told = message["feedback"]
+        reported = message["feedback"]
         if bytes(message["goal_id"]["uuid"]) not in known:
             wrong.append((number, "it is of no goal that was sent"))
-        elif len(told["joint_names"]) != len(told["actual"]["positions"]):
+        elif len(reported["joint_names"]) != len(reported["actual"]["positions"]):
             wrong.append((number, "joints and positions do not fit"))
     return none_wrong(wrong, len(decoded.feedback), f"{len(decoded.feedback)} of them", _NOTHING)
 

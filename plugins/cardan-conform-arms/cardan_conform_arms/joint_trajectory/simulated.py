@@ -226,8 +226,10 @@ class ActionSimulation(DriverSimulation):
         self._tell(STATES, TOPICS[STATES].type, given)
         if self._goal is not None and self._cycles % FEEDBACK_CYCLES == 0:
             goal_id = bytes(16) if "strange-feedback" in self._faults else self._goal.id
-            told = {"joint_names": self._names, "actual": {"positions": self._q}}
-            self._tell(FEEDBACK, TYPE.feedback, {"goal_id": {"uuid": goal_id}, "feedback": told})
+            reported = {"joint_names": self._names, "actual": {"positions": self._q}}
+            self._tell(
+                FEEDBACK, TYPE.feedback, {"goal_id": {"uuid": goal_id}, "feedback": reported}
+            )
 
     def _move(self) -> None:
         drift = self._faults.get("drifts", 0.0) * PERIOD_S

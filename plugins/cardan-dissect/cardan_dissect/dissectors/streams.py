@@ -52,7 +52,7 @@ LARGEST_TIME_S = 1e9
 RTDE_KINDS = frozenset(rtde.PacketType)
 LEAST_DATA = 4
 """Packets of data of one size that identify a stream of RTDE without its beginning."""
-TOLD = frozenset(
+REPORTED = frozenset(
     each.name
     for each in (
         MessageType.JOINT_POSITION,
@@ -135,7 +135,7 @@ class SimpleMessage(StreamDissector):
         for message in messages:
             kind, comm_type = message.decoded.title.split()[:2]
             answers = comm_type == CommType.SERVICE_REPLY.name
-            tells = comm_type == CommType.TOPIC.name and kind in TOLD
+            tells = comm_type == CommType.TOPIC.name and kind in REPORTED
             from_device = message.where.startswith(f"{end} >")
             # A ping is answered by itself.
             if from_device != (answers or tells) and kind != MessageType.PING.name:

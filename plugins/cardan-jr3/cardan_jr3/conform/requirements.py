@@ -116,7 +116,7 @@ def it_is_ready(decoded: Jr3Traffic) -> Verdict:
 
 
 @requires(103, f"{FIRMWARE}; JR3's full scales are hundreds of N and tens of N·m")
-def full_scales_are_told(decoded: Jr3Traffic) -> Verdict:
+def full_scales_are_reported(decoded: Jr3Traffic) -> Verdict:
     """Asked for, the full scales come with the acknowledgment, all above 0."""
     asked = [e for e in decoded.asked if isinstance(e.value, (GetFsForces, GetFsMoments))]
     if not asked:

@@ -55,7 +55,7 @@ class Jr3Scenario(Scenario):
     def _say(self, message: HostMessage) -> Step:
         return send(pack(encode_from_host(message, self._node_id)))
 
-    def _told(self, message: HostMessage) -> Script:
+    def _send_message(self, message: HostMessage) -> Script:
         self._acked = False
         yield self._say(message)
         yield Pause(ACK_S, lambda: self._acked)
@@ -71,32 +71,32 @@ class Jr3Scenario(Scenario):
             return
         yield mark("ask")
         for question in (GetState(), GetFsForces(), GetFsMoments()):
-            yield from self._told(question)
+            yield from self._send_message(question)
         yield mark("start")
-        yield from self._told(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
+        yield from self._send_message(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
         yield Pause(0.1)
-        yield from self._told(ZeroOffs())
-        yield from self._told(SetFilter(CUTOFF_CENTIHZ))
+        yield from self._send_message(ZeroOffs())
+        yield from self._send_message(SetFilter(CUTOFF_CENTIHZ))
         yield Pause(0.2)
         yield mark("run")
         yield Pause(self._seconds)
         yield mark("stop")
-        yield from self._told(Stop())
+        yield from self._send_message(Stop())
         yield Pause(0.05)
         yield mark("stopped")
         yield Pause(0.2)
         yield mark("sync")
-        yield from self._told(StartSync(CUTOFF_CENTIHZ))
+        yield from self._send_message(StartSync(CUTOFF_CENTIHZ))
         yield mark("syncs")
         for _ in range(SYNCS):
             yield self._say(Sync())
             yield Pause(SYNC_S)
         yield mark("ask-again")
-        yield from self._told(GetState())
+        yield from self._send_message(GetState())
         if self._level >= Level.BY_HAND:
-            yield from self._told(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
+            yield from self._send_message(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
             yield mark("load")
             yield ask("load", "Press on the sensor with a few newtons.")
             yield Pause(min(HAND_S, 4.0 * self._seconds))
         yield mark("leave")
-        yield from self._told(Stop())
+        yield from self._send_message(Stop())

@@ -68,7 +68,7 @@ def the_version_comes_first(decoded: LeapTraffic) -> Verdict:
 
 
 @requires(3, f"{LEAPJS}: a device event for each tracker, since version 5")
-def the_tracker_is_told(decoded: LeapTraffic) -> Verdict:
+def the_tracker_is_reported(decoded: LeapTraffic) -> Verdict:
     """A device event says that a tracker is attached and streams."""
     found = [each for each in decoded.during("listen") if isinstance(each.value, DeviceEvent)]
     if not found:
@@ -259,9 +259,9 @@ def a_hand_keeps_its_id(decoded: LeapTraffic) -> Verdict:
 def a_plain_hand_is_recognized(decoded: LeapTraffic) -> Verdict:
     """A hand that is held still and flat is seen with a confidence of 0.3 and more."""
     found = [(number, hand.confidence) for number, _, hand in _hands(decoded)]
-    told = [(number, value) for number, value in found if value is not None]
-    wrong = ((number, f"{value:.2f}") for number, value in told if value < CONFIDENCE)
-    return _bad(wrong, len(told), f"{len(told)} hands", _NO_HAND)
+    reported = [(number, value) for number, value in found if value is not None]
+    wrong = ((number, f"{value:.2f}") for number, value in reported if value < CONFIDENCE)
+    return _bad(wrong, len(reported), f"{len(reported)} hands", _NO_HAND)
 
 
 @requires(112, f"{SDK}: x right, y up, z towards the operator; palm down is (0, -1, 0)")
@@ -301,7 +301,7 @@ def without_both_there_are_no_frames(decoded: LeapTraffic) -> Verdict:
 
 
 @requires(301, f"{LEAPJS}, device events on each change")
-def unplugging_is_told(decoded: LeapTraffic) -> Verdict:
+def unplugging_is_reported(decoded: LeapTraffic) -> Verdict:
     """The tracker unplugged, an event says so, and no more frames come."""
     found = [e for e in decoded.during("unplug") if isinstance(e.value, DeviceEvent)]
     gone = [e for e in found if isinstance(e.value, DeviceEvent) and not e.value.streaming]

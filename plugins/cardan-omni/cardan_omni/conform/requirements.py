@@ -132,11 +132,11 @@ def it_is_the_current_device(decoded: HdapiTraffic) -> Verdict:
 def it_says_what_it_is(decoded: HdapiTraffic) -> Verdict:
     """Version, model, vendor and serial number are texts, and none is empty."""
     found = [decoded.said("hdGetString", what) for what in STRINGS]
-    told = [each for each in found if each is not None]
-    if not told:
+    reported = [each for each in found if each is not None]
+    if not reported:
         return not_seen(_NO_DEVICE)
-    wrong = [e.number for e in told if e.errors or not (e.returns or "").strip()]
-    words = f"HDAPI {told[0].returns}, {told[1].returns}"
+    wrong = [e.number for e in reported if e.errors or not (e.returns or "").strip()]
+    words = f"HDAPI {reported[0].returns}, {reported[1].returns}"
     return failed("one is empty", wrong) if wrong else passed(words)
 
 
@@ -285,7 +285,7 @@ def callbacks_are_regular(decoded: HdapiTraffic) -> Verdict:
 
 
 @requires(119, f"{GUIDE}, HD_UPDATE_RATE")
-def the_rate_is_told(decoded: HdapiTraffic) -> Verdict:
+def the_rate_is_reported(decoded: HdapiTraffic) -> Verdict:
     """HD_UPDATE_RATE is the rate that callbacks come at, to 5 %."""
     answer, phase = decoded.said("hdGetIntegerv", Info.UPDATE_RATE), decoded.phase("hold")
     if answer is None or phase is None or not decoded.ticks("hold"):
@@ -431,7 +431,7 @@ def velocity_is_that_of_the_position(decoded: HdapiTraffic) -> Verdict:
 
 
 @requires(128, f"{GUIDE}, HD_CURRENT_BUTTONS")
-def buttons_are_told_once(decoded: HdapiTraffic) -> Verdict:
+def buttons_are_reported_once(decoded: HdapiTraffic) -> Verdict:
     """The front button pressed and let go is bit 0, and changes once each time."""
     if decoded.phase("release") is None:
         return not_seen("none was pressed")
@@ -442,7 +442,7 @@ def buttons_are_told_once(decoded: HdapiTraffic) -> Verdict:
 
 
 @requires(129, f"{GUIDE}, HD_CURRENT_INKWELL_SWITCH")
-def the_inkwell_is_told(decoded: HdapiTraffic) -> Verdict:
+def the_inkwell_is_reported(decoded: HdapiTraffic) -> Verdict:
     """The library reports the stylus in its inkwell, and out of it again."""
     ticks = decoded.ticks("dock", "undock")
     if not ticks:
@@ -466,12 +466,12 @@ def callbacks_are_known_while_they_run(decoded: HdapiTraffic) -> Verdict:
     """The library reports a callback as scheduled while it runs, and not any more once it has
     returned HD_CALLBACK_DONE."""
     found = [decoded.said("hdWaitForCompletion", phase=name) for name in ("asked", "ended")]
-    told = [each for each in found if each is not None]
-    if len(told) < 2:
+    reported = [each for each in found if each is not None]
+    if len(reported) < 2:
         return not_seen(_NO_DEVICE)
-    good = bool(told[0].returns) and not told[1].returns
-    words = f"{told[0].returns}, then {told[1].returns}"
-    return passed(words) if good else failed(words, [told[1].number])
+    good = bool(reported[0].returns) and not reported[1].returns
+    words = f"{reported[0].returns}, then {reported[1].returns}"
+    return passed(words) if good else failed(words, [reported[1].number])
 
 
 @requires(132, f"{GUIDE}, HD_CALLBACK_DONE")
@@ -549,10 +549,10 @@ def nothing_flies(decoded: HdapiTraffic) -> Verdict:
 
 
 @requires(301, f"{GUIDE}, HD_DEVICE_FAULT and HD_COMM_ERROR")
-def unplugging_is_told(decoded: HdapiTraffic) -> Verdict:
+def unplugging_is_reported(decoded: HdapiTraffic) -> Verdict:
     """The plug pulled, frames raise HD_DEVICE_FAULT or HD_COMM_ERROR."""
     if decoded.phase("unplug") is None:
         return not_seen("nobody pulled it")
     codes = {code for tick in decoded.ticks("unplug") for code in tick.errors}
-    told = codes & {Error.DEVICE_FAULT, Error.COMM_ERROR}
-    return passed(_names(sorted(told))) if told else failed(_names(sorted(codes)))
+    reported = codes & {Error.DEVICE_FAULT, Error.COMM_ERROR}
+    return passed(_names(sorted(reported))) if reported else failed(_names(sorted(codes)))

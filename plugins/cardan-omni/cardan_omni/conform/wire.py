@@ -11,7 +11,7 @@ from cardan.conform.transports import LARGEST_READ, TargetWire, Wires
 from cardan_omni.conform.calls import HdCalls
 from cardan_omni.driver.library import load
 
-TOLD_EVERY = 20
+REPORT_EVERY = 20
 """Ticks between two times that the reader is woken: a thread that wakes takes time from the
 scheduler's."""
 
@@ -31,7 +31,7 @@ class _Program(TargetWire):
 
     def _ticked(self) -> None:
         self._ticks += 1
-        if self._ticks % TOLD_EVERY == 0:
+        if self._ticks % REPORT_EVERY == 0:
             self._wake()
 
     def _wake(self) -> None:

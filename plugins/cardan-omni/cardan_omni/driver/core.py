@@ -168,11 +168,11 @@ class OmniCore(DeviceCore):
 
     def taken(self, now_s: float) -> HapticState:
         """The newest snapshot as of `now_s`; the next one's longest gap and cost count from now."""
-        snapshot = self.told(now_s)
+        snapshot = self.checked_snapshot(now_s)
         self.snapshot = self.snapshot._replace(gap_s=0.0, tick_cost_s=0.0)
         return snapshot
 
-    def told(self, now_s: float) -> HapticState:
+    def checked_snapshot(self, now_s: float) -> HapticState:
         """The newest snapshot as of `now_s`: no force in it, and the reason in words, where it is
         too old, or the device must not give force."""
         snapshot = self.snapshot
@@ -273,7 +273,7 @@ class OmniCore(DeviceCore):
 
     def _figures(self, now_s: float) -> dict[str, float]:
         """The force loop's rate, gaps and cost, the force, its age, and the energy."""
-        snapshot = self.told(now_s)
+        snapshot = self.checked_snapshot(now_s)
         return {
             "tick_age_s": now_s - self._stamp_s,
             "rate_hz": snapshot.rate_hz,

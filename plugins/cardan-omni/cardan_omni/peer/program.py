@@ -129,20 +129,20 @@ def _guard(folder: str) -> Iterator[Callable[[int], None]]:
         )
     finally:
         os.close(reading)
-    told: list[int] = []
+    reported: list[int] = []
 
     def say(word: str) -> None:
         with contextlib.suppress(BrokenPipeError):  # Another process has ended the guard.
             os.write(writing, f"{word}\n".encode())
 
     def tell(pid: int) -> None:
-        told.append(pid)
+        reported.append(pid)
         say(str(pid))
 
     try:
         yield tell
     finally:
-        say("over" if told else "0")
+        say("over" if reported else "0")
         os.close(writing)
         os.waitpid(guard, 0)
 
@@ -151,7 +151,7 @@ class _Runner:
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
         self._pid = 0
-        self._told_to_end = False
+        self._end_requested = False
         self._leaving = contextlib.ExitStack()
 
     def __enter__(self) -> _Runner:
@@ -192,7 +192,7 @@ class _Runner:
         self._pid = 0
         code = os.waitstatus_to_exitcode(status)
         if code < 0:
-            return 0 if self._told_to_end else 128 - code
+            return 0 if self._end_requested else 128 - code
         return code
 
     def _pass_on(self, number: int) -> None:
@@ -201,8 +201,8 @@ class _Runner:
         self._kill(number)
 
     def _end(self, _number: int, _frame: FrameType | None) -> None:
-        self._kill(signal.SIGKILL if self._told_to_end else signal.SIGTERM)
-        self._told_to_end = True
+        self._kill(signal.SIGKILL if self._end_requested else signal.SIGTERM)
+        self._end_requested = True
 
     def _kill(self, number: int) -> None:
         if self._pid:

@@ -103,7 +103,7 @@ class SpnavTraffic:
             number, time_s, request, tuple(found if request.code in STRINGS else found[:1])
         )
 
-    def told(self, code: int, phase: str = "") -> Asked | None:
+    def sent_request(self, code: int, phase: str = "") -> Asked | None:
         """The first request of that code, of a phase if one is named."""
         where = self.phases.get(phase)
         if phase and where is None:

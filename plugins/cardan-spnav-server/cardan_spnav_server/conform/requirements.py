@@ -199,12 +199,12 @@ def counts_are_in_range(decoded: SpnavTraffic) -> Verdict:
 def periods_are_those_of_motion(decoded: SpnavTraffic) -> Verdict:
     """The periods that motions report add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
-    told_s, took_s, wrong = 0.0, 0.0, []
+    reported_s, took_s, wrong = 0.0, 0.0, []
     for name in HELD:
         for one, other in pairwise(decoded.motions(OLD, name)):
             assert isinstance(other.value, MotionEvent)
             period_s, between_s = 1e-3 * other.value.period_ms, other.time_s - one.time_s
-            told_s, took_s = told_s + period_s, took_s + between_s
+            reported_s, took_s = reported_s + period_s, took_s + between_s
             if abs(period_s - between_s) > PERIOD_S:
                 words = f"{1e3 * period_s:.0f} ms after {1e3 * between_s:.0f} ms"
                 wrong.append((other.number, words))
@@ -212,12 +212,12 @@ def periods_are_those_of_motion(decoded: SpnavTraffic) -> Verdict:
         return failed(f"{len(wrong)} are off: {wrong[0][1]}", (n for n, _ in wrong))
     if not took_s:
         return not_seen(_NO_MOTION)
-    said = f"{100 * told_s / took_s:.0f} % of the time"
-    return passed(said) if abs(told_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
+    said = f"{100 * reported_s / took_s:.0f} % of the time"
+    return passed(said) if abs(reported_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
 
 
 @requires(12, f"{PROTOCOL}: events 1 and 2")
-def buttons_are_told(decoded: SpnavTraffic) -> Verdict:
+def buttons_are_reported(decoded: SpnavTraffic) -> Verdict:
     """Every press and release of a button is reported."""
     if decoded.phase("release") is None or decoded.ended:
         return not_seen("none was pressed")
@@ -237,8 +237,8 @@ def edges_take_turns(decoded: SpnavTraffic) -> Verdict:
         for number, edge in decoded.buttons(channel):
             count += 1
             if edge.pressed is (edge.number in down):
-                told = "pressed" if edge.pressed else "let go"
-                wrong.append((number, f"button {edge.number} {told} twice"))
+                reported = "pressed" if edge.pressed else "let go"
+                wrong.append((number, f"button {edge.number} {reported} twice"))
             (down.add if edge.pressed else down.discard)(edge.number)
     return _bad(wrong, count, f"{count} edges", "no button was pressed")
 
@@ -315,7 +315,7 @@ def names_are_not_answered(decoded: SpnavTraffic) -> Verdict:
 @requires(105, f"{PROTOCOL}: status -1 of what it does not know")
 def unknown_requests_are_refused(decoded: SpnavTraffic) -> Verdict:
     """A request that there is not is answered, and refused."""
-    found = decoded.told(UNKNOWN)
+    found = decoded.sent_request(UNKNOWN)
     if found is None:
         return not_seen("none was sent")
     if found.reply is None:
@@ -341,14 +341,14 @@ def the_mask_is_kept(decoded: SpnavTraffic) -> Verdict:
 
 
 def _value(decoded: SpnavTraffic, code: int) -> int | None:
-    return _mask(decoded.told(code, "ask"))
+    return _mask(decoded.sent_request(code, "ask"))
 
 
 @requires(107, f"{PROTOCOL}, DEV_NAXES and DEV_NBUTTONS")
 def axes_and_buttons_are_counted(decoded: SpnavTraffic) -> Verdict:
     """The device has six axes, and every button that was reported is below the number of its
     buttons."""
-    if decoded.told(Code.DEV_NAXES, "ask") is None:
+    if decoded.sent_request(Code.DEV_NAXES, "ask") is None:
         return not_seen(_NOT_ASKED)
     axes, buttons = _value(decoded, Code.DEV_NAXES), _value(decoded, Code.DEV_NBUTTONS)
     if axes is None or buttons is None:
@@ -362,7 +362,7 @@ def axes_and_buttons_are_counted(decoded: SpnavTraffic) -> Verdict:
 @requires(108, f"{PROTOCOL}: strings of 24 bytes a record, with what is left")
 def strings_are_whole(decoded: SpnavTraffic) -> Verdict:
     """The device has a name; name and path, where they are sent, come whole and in order."""
-    found = [asked for code in STRINGS if (asked := decoded.told(code, "ask")) is not None]
+    found = [asked for code in STRINGS if (asked := decoded.sent_request(code, "ask")) is not None]
     if not found:
         return not_seen(_NOT_ASKED)
     texts = []
@@ -389,7 +389,7 @@ def strings_are_whole(decoded: SpnavTraffic) -> Verdict:
 @requires(109, f"{PROTOCOL}, DEV_TYPE and DEV_USBID: no USB id of serial devices")
 def the_type_is_known(decoded: SpnavTraffic) -> Verdict:
     """The device's type is one of the protocol, and it has a USB id if it is one of USB."""
-    asked = decoded.told(Code.DEV_TYPE, "ask")
+    asked = decoded.sent_request(Code.DEV_TYPE, "ask")
     if asked is None:
         return not_seen(_NOT_ASKED)
     kind, vendor = _value(decoded, Code.DEV_TYPE), _value(decoded, Code.DEV_USBID)
@@ -414,20 +414,20 @@ def _implausible(code: int, data: tuple[int, ...]) -> str:
 @requires(110, f"{PROTOCOL}, GCFG_...")
 def settings_are_plausible(decoded: SpnavTraffic) -> Verdict:
     """Settings that the daemon reports have values that they can have."""
-    asked = [each for code in SETTINGS if (each := decoded.told(code, "ask")) is not None]
-    told = [(each, each.reply) for each in asked if each.reply is not None and each.reply.ok]
+    asked = [each for code in SETTINGS if (each := decoded.sent_request(code, "ask")) is not None]
+    reported = [(each, each.reply) for each in asked if each.reply is not None and each.reply.ok]
     wrong = []
-    for each, reply in told:
+    for each, reply in reported:
         why = _implausible(each.request.code, reply.data)
         if why:
             wrong.append((each.answers[0].number, f"{Code(each.request.code).name} {why}"))
-    return _bad(wrong, len(told), f"{len(told)} of {len(asked)} told", _NOT_ASKED)
+    return _bad(wrong, len(reported), f"{len(reported)} of {len(asked)} told", _NOT_ASKED)
 
 
 @requires(111, "FreeSpacenav spacenavd, repeat-interval: repeated motion looks like a hand's")
 def nothing_is_repeated(decoded: SpnavTraffic) -> Verdict:
     """The daemon does not repeat motion by itself, where it reports that."""
-    if decoded.told(Code.GCFG_REPEAT, "ask") is None:
+    if decoded.sent_request(Code.GCFG_REPEAT, "ask") is None:
         return not_seen(_NOT_ASKED)
     interval = _value(decoded, Code.GCFG_REPEAT)
     if interval is None:
@@ -436,10 +436,10 @@ def nothing_is_repeated(decoded: SpnavTraffic) -> Verdict:
 
 
 @requires(112, f"{PROTOCOL}, event 4: a setting was changed")
-def settings_are_told_to_others(decoded: SpnavTraffic) -> Verdict:
+def settings_are_reported_to_others(decoded: SpnavTraffic) -> Verdict:
     """If the LED's mode is set to its present value, and that is granted, other programs that asked
     for such events get an event, and no others do."""
-    asked = decoded.told(Code.SCFG_LED)
+    asked = decoded.sent_request(Code.SCFG_LED)
     if asked is None:
         return not_seen("it has no LED, or does not report it")
     if asked.reply is not None and not asked.reply.ok:
@@ -489,7 +489,7 @@ def _factor(decoded: SpnavTraffic, channel: str, wanted: float) -> Verdict:
 def sensitivity_acts(decoded: SpnavTraffic) -> Verdict:
     """A sensitivity of 2 doubles the counts of the program that set it, and is returned to it on
     request."""
-    asked = decoded.told(Code.GET_SENS)
+    asked = decoded.sent_request(Code.GET_SENS)
     if asked is None:
         return not_seen(_NOT_ASKED)
     reply = asked.reply
@@ -551,7 +551,7 @@ def _change(decoded: SpnavTraffic, phase: str, added: bool) -> Verdict:
 
 
 @requires(301, f"{PROTOCOL}, event 3")
-def unplugging_is_told(decoded: SpnavTraffic) -> Verdict:
+def unplugging_is_reported(decoded: SpnavTraffic) -> Verdict:
     """The device unplugged, an event says so to programs of version 1."""
     return _change(decoded, "unplug", False)
 
@@ -559,7 +559,7 @@ def unplugging_is_told(decoded: SpnavTraffic) -> Verdict:
 @requires(302, f"{PROTOCOL}: requests about a device fail without one")
 def nothing_is_said_of_a_device_that_is_gone(decoded: SpnavTraffic) -> Verdict:
     """The device unplugged, the number of its axes is refused."""
-    asked = decoded.told(Code.DEV_NAXES, "unplugged")
+    asked = decoded.sent_request(Code.DEV_NAXES, "unplugged")
     if asked is None:
         return not_seen(_NOT_ASKED)
     if asked.reply is None:
@@ -568,6 +568,6 @@ def nothing_is_said_of_a_device_that_is_gone(decoded: SpnavTraffic) -> Verdict:
 
 
 @requires(303, f"{PROTOCOL}, event 3")
-def plugging_in_is_told(decoded: SpnavTraffic) -> Verdict:
+def plugging_in_is_reported(decoded: SpnavTraffic) -> Verdict:
     """The device plugged in again, an event says so to programs of version 1."""
     return _change(decoded, "replug", True)

@@ -98,7 +98,7 @@ class SpnavScenario(HandScenario):
         yield send(encode_handshake(version), channel)
         yield Pause(ANSWER_S, lambda: self._granted or self._gone)
 
-    def _told(self, code: int, data: Sequence[int] = (), channel: str = NEW) -> Script:
+    def _send_request(self, code: int, data: Sequence[int] = (), channel: str = NEW) -> Script:
         self._answered = False
         yield send(encode_request(code, data), channel)
         yield Pause(ANSWER_S, lambda: self._answered or self._gone)
@@ -107,30 +107,30 @@ class SpnavScenario(HandScenario):
         for record in encode_string(REQUEST_TAG | Code.SET_NAME, "cardan conform"):
             yield send(record, NEW)
         yield Pause(0.05)
-        yield from self._told(Code.GET_EVMASK)
+        yield from self._send_request(Code.GET_EVMASK)
         for code in (*STRINGS, *IDENTITY, *SETTINGS):
-            yield from self._told(code)
-        yield from self._told(UNKNOWN)
-        yield from self._told(Code.SET_EVMASK, [MASK_V1 | EventMask.CONFIG])
-        yield from self._told(Code.GET_EVMASK)
+            yield from self._send_request(code)
+        yield from self._send_request(UNKNOWN)
+        yield from self._send_request(Code.SET_EVMASK, [MASK_V1 | EventMask.CONFIG])
+        yield from self._send_request(Code.GET_EVMASK)
         if self._led is not None:
-            yield from self._told(Code.SET_EVMASK, [MASK_V1 | EventMask.CONFIG], OTHER)
+            yield from self._send_request(Code.SET_EVMASK, [MASK_V1 | EventMask.CONFIG], OTHER)
             yield mark("led")
-            yield from self._told(Code.SCFG_LED, [self._led])
+            yield from self._send_request(Code.SCFG_LED, [self._led])
             yield Pause(0.1)
-        yield from self._told(Code.SET_EVMASK, [MASK_V1])
+        yield from self._send_request(Code.SET_EVMASK, [MASK_V1])
 
     def _pushes(self) -> Script:
         yield from self._motions(REST_S, SAME)
-        yield from self._told(Code.SET_SENS, [bits_of(NEW_FACTOR)])
-        yield from self._told(Code.GET_SENS)
+        yield from self._send_request(Code.SET_SENS, [bits_of(NEW_FACTOR)])
+        yield from self._send_request(Code.GET_SENS)
         yield send(encode_sensitivity(OLD_FACTOR), OLD)
         yield from self._motions(REST_S, SCALED)
-        yield from self._told(Code.SET_SENS, [bits_of(1.0)])
+        yield from self._send_request(Code.SET_SENS, [bits_of(1.0)])
         yield send(encode_sensitivity(1.0), OLD)
-        yield from self._told(Code.SET_EVMASK, [EventMask.BUTTON])
+        yield from self._send_request(Code.SET_EVMASK, [EventMask.BUTTON])
         yield from self._motions(REST_S, MASKED)
-        yield from self._told(Code.SET_EVMASK, [MASK_V1])
+        yield from self._send_request(Code.SET_EVMASK, [MASK_V1])
         yield close(OTHER)
         yield from self._motions(REST_S, ALONE)
 
@@ -141,7 +141,7 @@ class SpnavScenario(HandScenario):
         yield Pause(self._hand_s, lambda: self._removed or self._gone)
         yield Pause(QUIET_S)
         yield mark("unplugged")
-        yield from self._told(Code.DEV_NAXES)
+        yield from self._send_request(Code.DEV_NAXES)
         yield mark("replug")
         self._added = False
         yield ask("replug", "Plug the device in again.")

@@ -195,13 +195,13 @@ class SpnavSimulation:
             self._mask = request.data[0]
         elif code == Code.SET_SENS:
             self._sensitivity = request.data[0]
-        told = {
+        reported = {
             ("mask-kept", Code.SET_EVMASK): self._mask,
             ("mask-kept", Code.GET_EVMASK): self._mask,
             ("deaf-v1", Code.SET_SENS): self._sensitivity,
             ("deaf-v1", Code.GET_SENS): self._sensitivity,
         }
-        for (fault, about), value in told.items():
+        for (fault, about), value in reported.items():
             if faults.get(fault) and about == code and value is not None:
                 self._send(channel, encode_reply(request.word, (value,)))
                 return True

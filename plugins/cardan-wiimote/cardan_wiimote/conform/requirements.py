@@ -99,7 +99,7 @@ def _buttons(found: list[Report]) -> list[int]:
 
 
 @requires(4, f"{WIIBREW}: mode 0x30 is the default, reports on changes")
-def buttons_are_told(decoded: WiimoteTraffic) -> Verdict:
+def buttons_are_reported(decoded: WiimoteTraffic) -> Verdict:
     """Every press and release of a button is reported at once."""
     if decoded.refused or decoded.phase("release") is None:
         return not_seen("none was pressed")
@@ -135,7 +135,7 @@ def both_descriptions_agree(decoded: WiimoteTraffic) -> Verdict:
 
 
 @requires(101, f"{WIIBREW}, 0x15 and 0x20")
-def status_is_told(decoded: WiimoteTraffic) -> Verdict:
+def status_is_reported(decoded: WiimoteTraffic) -> Verdict:
     """A request for the status is answered within 0.2 s."""
     phase = decoded.phase("ask")
     if phase is None:
@@ -310,10 +310,10 @@ def the_extension_stays(decoded: WiimoteTraffic) -> Verdict:
 @requires(111, f"{EXTENSIONS}: A4 20 00 00 of a Nunchuk")
 def the_nunchuk_says_what_it_is(decoded: WiimoteTraffic) -> Verdict:
     """An extension reported by the status has a readable id, and a Nunchuk's stick is centered."""
-    told = [e.value for e in decoded.during("ask") if isinstance(e.value, Status)]
-    if not told:
+    reported = [e.value for e in decoded.during("ask") if isinstance(e.value, Status)]
+    if not reported:
         return not_seen(_NOT_ASKED)
-    if not told[0].extension:
+    if not reported[0].extension:
         return not_applicable("nothing is plugged in")
     reads = [e for e in decoded.reads() if getattr(e.asked.value, "space", None) == REGISTERS]
     if not reads or not reads[-1].data:
@@ -356,7 +356,7 @@ def one_g_is_above_zero(decoded: WiimoteTraffic) -> Verdict:
 
 
 @requires(301, "Bluetooth: the link ends")
-def switching_off_is_told(decoded: WiimoteTraffic) -> Verdict:
+def switching_off_is_reported(decoded: WiimoteTraffic) -> Verdict:
     """Switched off, the remote ends the link, and nothing more comes."""
     phase = decoded.phase("power-off")
     gone = [] if phase is None else [number for number in decoded.lost if number >= phase.first]

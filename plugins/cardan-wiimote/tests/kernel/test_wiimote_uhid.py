@@ -148,7 +148,7 @@ def test_the_kernels_driver_reads_a_nunchuk(remote):
     (_, middle_x, most_x), (least_y, middle_y, _) = NUNCHUK.stick_x, NUNCHUK.stick_y
     with in_a_thread(remote(script, extension="nunchuk")):
         (node,) = wait_for(lambda: nodes_called(f"{REMOTE} Nunchuk"))
-        with events_of(node) as told:
+        with events_of(node) as reported:
             expected = {
                 *((EV_KEY, key, state) for key in (BTN_C, BTN_Z) for state in (0, 1)),
                 (EV_ABS, ABS_HAT0X, most_x - middle_x),
@@ -156,9 +156,9 @@ def test_the_kernels_driver_reads_a_nunchuk(remote):
                 (EV_ABS, ABS_HAT0Y, least_y - middle_y),
                 (EV_ABS, ABS_HAT0Y, 0),
             }
-            wait_for(lambda: expected <= set(told.gather()))
-    assert min(value for _, code, value in told.events if code == ABS_HAT0X) == 0
-    assert max(value for _, code, value in told.events if code == ABS_HAT0Y) == 0
+            wait_for(lambda: expected <= set(reported.gather()))
+    assert min(value for _, code, value in reported.events if code == ABS_HAT0X) == 0
+    assert max(value for _, code, value in reported.events if code == ABS_HAT0Y) == 0
 
 
 @pytest.mark.judged(

@@ -87,7 +87,7 @@ def test_a_robot_that_goes_along_is_not_chased():
     assert recovery.way_m <= MARGIN_SHARE * 0.02 + MARGIN_M + 1e-3
 
 
-def test_it_ends_in_a_ramp_when_it_is_told_to():
+def test_it_ends_in_a_ramp_when_it_is_asked_to():
     recovery = Recovery(robot(0.04))
     for _ in range(50):
         assert not recovery.tick()

@@ -46,12 +46,12 @@ def nothing_installed(monkeypatch):
 def test_a_filter_of_a_plug_in_that_is_not_installed_says_what_installs_it():
     with pytest.raises(ConfigurationError) as error:
         make_filters(parse_config(TABLES))
-    told = str(error.value)
-    assert told.startswith(
+    reported = str(error.value)
+    assert reported.startswith(
         "filters.0.filter: 'proximity' is in the folder plugins/cardan-filters of Cardan's source "
     )
-    assert "`pip install ./plugins/cardan-filters`" in told
-    assert "\n" not in told
+    assert "`pip install ./plugins/cardan-filters`" in reported
+    assert "\n" not in reported
 
 
 @pytest.mark.usefixtures("nothing_installed")

@@ -61,8 +61,8 @@ def held(page):
     one to go on."""
     page.open(1, arm=ARM)
     page.press()
-    while (told := page.next("cardan.input"))["grip"] != "held":
-        page.jog(False) if told["grip"] == "lost" else page.jog()
+    while (reported := page.next("cardan.input"))["grip"] != "held":
+        page.jog(False) if reported["grip"] == "lost" else page.jog()
 
 
 def keep(page, seconds):
@@ -73,7 +73,7 @@ def keep(page, seconds):
         time.sleep(0.01)
 
 
-def test_a_page_is_told_who_it_is(running):
+def test_a_page_is_reported_who_it_is(running):
     with page_program(running) as page:
         hello = page.begin()
     assert hello["role"] == "operator"
@@ -193,7 +193,7 @@ def test_a_channel_that_is_opened_again_for_its_arm_keeps_the_authority(arm, pag
     until(lambda: "release" in arm.verbs(), "the authority is given up")
 
 
-def test_a_page_renews_a_hold_and_is_told_how_long_it_goes_on(network, arm, tmp_path):
+def test_a_page_renews_a_hold_and_is_reported_how_long_it_goes_on(network, arm, tmp_path):
     """The frames go on as those of a page do whose browser hangs."""
     with console(network, tmp_path, hold_s=1.0) as running, page_program(running) as page:
         page.begin()
@@ -221,9 +221,9 @@ def test_old_frames_move_nothing(arm, page):
     page.grip("free")
     for _ in range(5):
         page.jog(late_s=FRESH_S + 0.05)
-    told = page.next("cardan.input")
-    assert told["dropped"]["old"] == 5
-    assert told["age_ms"] > 1e3 * FRESH_S
+    reported = page.next("cardan.input")
+    assert reported["dropped"]["old"] == 5
+    assert reported["age_ms"] > 1e3 * FRESH_S
     assert arm.requests == []
 
 
@@ -237,12 +237,12 @@ def test_frames_before_the_clock_is_known_move_nothing(arm, running):
         assert arm.requests == []
 
 
-def test_the_page_is_told_the_rate_that_arrives(arm, page):
+def test_the_page_is_reported_the_rate_that_arrives(arm, page):
     held(page)
     keep(page, 0.6)
-    told = page.next("cardan.input")
-    assert told["rate_hz"] > 10
-    assert 0.0 <= told["round_ms"] < 1000.0
+    reported = page.next("cardan.input")
+    assert reported["rate_hz"] > 10
+    assert 0.0 <= reported["round_ms"] < 1000.0
 
 
 @pytest.mark.real
@@ -408,10 +408,10 @@ def test_a_flood_is_cut_down(arm, page):
     page.open(1, arm=ARM)
     for _ in range(700):
         page.jog(False)
-    told = page.next("cardan.input")
-    while "too many" not in told["dropped"]:
-        told = page.next("cardan.input")
-    assert told["rate_hz"] <= 500
+    reported = page.next("cardan.input")
+    while "too many" not in reported["dropped"]:
+        reported = page.next("cardan.input")
+    assert reported["rate_hz"] <= 500
 
 
 def test_a_viewer_moves_nothing_orders_nothing_and_asks_for_no_authority(network, arm, with_tokens):
@@ -539,7 +539,7 @@ def test_a_page_asks_another_for_the_authority_which_keeps_it(running, arm):
     assert arm.requests == []  # Its owner hands it over; nobody else does anything.
 
 
-def test_who_asks_is_told_what_is_wrong(page, running, arm, network):
+def test_who_asks_is_reported_what_is_wrong(page, running, arm, network):
     for fields, why in (
         ({"arm": ARM}, "owner"),
         ({"arm": ARM, "owner": ""}, "owner"),

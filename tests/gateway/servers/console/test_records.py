@@ -134,13 +134,13 @@ def test_a_record_is_shown_to_the_page_that_asks_and_is_not_on_the_bus(
         about = page.next("cardan.replay")["about"]
         assert about["topics"] == {STATE.name: [STRING, 101]}
         page.ask("cardan.replay", do="order", topics=[STATE.name], at_s=5.0)
-        told = page.next("cardan.replay")
-        assert told["messages"] == [[STATE.name, {"data": "50"}]]
-        assert not told["playing"]
+        reported = page.next("cardan.replay")
+        assert reported["messages"] == [[STATE.name, {"data": "50"}]]
+        assert not reported["playing"]
         page.ask("cardan.replay", do="order", playing=True, rate=16.0)
-        while told["playing"] or told["at_s"] < 10.0:
-            told = page.next("cardan.replay")
-        assert told["messages"] == [[STATE.name, {"data": "100"}]]
+        while reported["playing"] or reported["at_s"] < 10.0:
+            reported = page.next("cardan.replay")
+        assert reported["messages"] == [[STATE.name, {"data": "100"}]]
         assert not any(each["op"] == "cardan.replay" for each in other.heard)
     assert STATE.name not in network.topics()
     page.ask("cardan.replay", do="close")
@@ -156,7 +156,7 @@ def test_no_other_file_can_be_asked_for(tmp_path, record, page, name):
     assert "there is no record" in page.next("cardan.refused", id=1)["why"]
 
 
-def test_a_file_that_is_no_record_is_told_in_words(tmp_path, record, page):
+def test_a_file_that_is_no_record_is_reported_in_words(tmp_path, record, page):
     (tmp_path / "records" / "bad.mcap").write_bytes(b"nothing")
     page.ask("cardan.replay", do="open", name="bad.mcap")
     assert "is no MCAP file" in page.next("cardan.replay")["over"]

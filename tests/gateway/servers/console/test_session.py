@@ -107,8 +107,8 @@ def test_every_end_of_a_hold_stops_the_arm(running, end):
         watcher, beside = Watcher(page), Watcher(other)
 
         def seen():
-            told = beside.status
-            return told is not None and told["moving"] and told["authority"] == source
+            reported = beside.status
+            return reported is not None and reported["moving"] and reported["authority"] == source
 
         held(page, watcher, seen)
         end(page)

@@ -96,7 +96,7 @@ def axes_have_their_signs(decoded: MagellanTraffic) -> Verdict:
 
 
 @requires(10, f"{MANUAL}, k")
-def buttons_are_told(decoded: MagellanTraffic) -> Verdict:
+def buttons_are_reported(decoded: MagellanTraffic) -> Verdict:
     """Every press and release of a button is reported."""
     return checks.buttons(decoded)
 
@@ -120,9 +120,9 @@ def both_descriptions_agree(decoded: MagellanTraffic) -> Verdict:
 
 
 @requires(101, f"{SPACENAVD}: it waits a quarter of a second for the version")
-def the_version_is_told(decoded: MagellanTraffic) -> Verdict:
+def the_version_is_reported(decoded: MagellanTraffic) -> Verdict:
     """vQ is answered with a version within 0.25 s."""
-    found = decoded.told(QUERY_VERSION)
+    found = decoded.sent_command(QUERY_VERSION)
     if found is None:
         return not_seen("it was not asked")
     if found.answer is None or not isinstance(found.answer.value, MagellanVersion):
@@ -139,7 +139,7 @@ def the_version_is_told(decoded: MagellanTraffic) -> Verdict:
 @requires(102, f"{MANUAL}: a command that sets something is echoed")
 def settings_are_echoed(decoded: MagellanTraffic) -> Verdict:
     """m3 and c33 are echoed."""
-    found = [decoded.told(command) for command in (MODE_3D, EXTENDED_COMPRESSED)]
+    found = [decoded.sent_command(command) for command in (MODE_3D, EXTENDED_COMPRESSED)]
     asked = [each for each in found if each is not None]
     if not asked:
         return not_seen("nothing was set")
@@ -154,7 +154,7 @@ def settings_are_echoed(decoded: MagellanTraffic) -> Verdict:
 @requires(103, f"{MANUAL}, kQ")
 def keys_can_be_asked_for(decoded: MagellanTraffic) -> Verdict:
     """kQ is answered with the keys, of which none is down."""
-    found = decoded.told(QUERY_KEYS)
+    found = decoded.sent_command(QUERY_KEYS)
     if found is None:
         return not_seen("it was not asked")
     mask = getattr(found.answer.value, "mask", None) if found.answer else None
@@ -166,7 +166,7 @@ def keys_can_be_asked_for(decoded: MagellanTraffic) -> Verdict:
 @requires(104, f"{MANUAL}, e: 1 is an illegal command")
 def unknown_commands_are_refused(decoded: MagellanTraffic) -> Verdict:
     """Unknown commands are answered with an error."""
-    if decoded.told(UNKNOWN) is None:
+    if decoded.sent_command(UNKNOWN) is None:
         return not_seen("none was sent")
     found = [each.value for each in decoded.during("ask") if isinstance(each.value, MagellanError)]
     return passed(f"error {found[0].code}") if found else failed("no error came")
@@ -176,8 +176,8 @@ def unknown_commands_are_refused(decoded: MagellanTraffic) -> Verdict:
 def motion_is_compressed(decoded: MagellanTraffic) -> Verdict:
     """After c33 motion comes compressed."""
     found = decoded.motions("push-again")
-    told = decoded.told(EXTENDED_COMPRESSED)
-    if told is None or told.answer is None or not found:
+    sent_command = decoded.sent_command(EXTENDED_COMPRESSED)
+    if sent_command is None or sent_command.answer is None or not found:
         return not_seen("no motion came after it")
     wrong = [e.number for e in found if not isinstance(e.value, MagellanCompressedMotion)]
     if wrong:
@@ -188,7 +188,7 @@ def motion_is_compressed(decoded: MagellanTraffic) -> Verdict:
 @requires(106, f"{MANUAL}, cQ")
 def settings_last(decoded: MagellanTraffic) -> Verdict:
     """Settings last: cQ is answered c33 later."""
-    set_, found = decoded.told(EXTENDED_COMPRESSED), decoded.told(QUERY_EXTENDED)
+    set_, found = decoded.sent_command(EXTENDED_COMPRESSED), decoded.sent_command(QUERY_EXTENDED)
     if set_ is None or found is None or set_.answer is None:
         return not_seen("nothing was set")
     said = getattr(found.answer.value, "command", b"") if found.answer else b""
@@ -204,6 +204,6 @@ def it_reports_again(decoded: MagellanTraffic) -> Verdict:
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(decoded: MagellanTraffic) -> Verdict:
+def unplugging_is_reported(decoded: MagellanTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
     return checks.unplugged(decoded)

@@ -55,14 +55,14 @@ class MagellanScenario(HandScenario):
             yield send(b"\r")
             yield Pause(0.05)
             for command in (QUERY_VERSION, MODE_3D, EXTENDED_COMPRESSED, QUERY_KEYS, UNKNOWN):
-                yield from self._told(command)
+                yield from self._send_command(command)
             yield from self._again()
             yield mark("ask-again")
-            yield from self._told(QUERY_EXTENDED)
+            yield from self._send_command(QUERY_EXTENDED)
         if self._level >= Level.BY_HAND:
             yield from self._unplugged()
 
-    def _told(self, command: bytes) -> Script:
+    def _send_command(self, command: bytes) -> Script:
         self._answered = False
         yield send(command + b"\r")
         yield Pause(ANSWER_S, lambda: self._answered or self._gone)

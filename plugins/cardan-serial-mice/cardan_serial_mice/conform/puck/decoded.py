@@ -105,7 +105,7 @@ class PuckTraffic(Generic[V]):
         later = (each for each in self.packets if each.number > index)
         return next((e for e in later if self._meaning.answers(e.value, command)), None)
 
-    def told(self, command: bytes) -> Asked[V] | None:
+    def sent_command(self, command: bytes) -> Asked[V] | None:
         """The first command of these bytes."""
         return next((each for each in self.asked if each.command == command), None)
 

@@ -33,7 +33,7 @@ class PuckScenario(HandScenario):
             if self._command and self._meaning.answers(value, self._command):
                 self._answered = True
 
-    def _told(self, command: bytes, within_s: float = ANSWER_S) -> Script:
+    def _send_command(self, command: bytes, within_s: float = ANSWER_S) -> Script:
         self._answered, self._command = False, command
         yield send(command + b"\r")
         yield Pause(within_s, lambda: self._answered or self._gone)
@@ -45,4 +45,4 @@ class PuckScenario(HandScenario):
         yield send(b"\r")
         yield Pause(0.05)
         for command in commands:
-            yield from self._told(command)
+            yield from self._send_command(command)

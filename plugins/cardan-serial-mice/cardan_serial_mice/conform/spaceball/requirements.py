@@ -96,7 +96,7 @@ def packets_are_whole(decoded: BallTraffic) -> Verdict:
 
 
 @requires(5, f"{HOSTS}: no ball data without M")
-def it_waits_to_be_told(decoded: BallTraffic) -> Verdict:
+def it_waits_for_a_command(decoded: BallTraffic) -> Verdict:
     """It sends no motion before the command to do so."""
     if not decoded.packets:
         return not_seen(checks.NOTHING)
@@ -105,7 +105,7 @@ def it_waits_to_be_told(decoded: BallTraffic) -> Verdict:
 
 
 @requires(6, f"{HOSTS}: K, and . of a 4000 FLX")
-def buttons_are_told(decoded: BallTraffic) -> Verdict:
+def buttons_are_reported(decoded: BallTraffic) -> Verdict:
     """Every press and release of a button is reported, alone."""
     return checks.buttons(decoded)
 
@@ -149,17 +149,17 @@ def bytes_of_keys_are_marked(decoded: BallTraffic) -> Verdict:
 @requires(101, f"{SPACENAVD}: it waits 2 s for @1")
 def it_can_be_reset(decoded: BallTraffic) -> Verdict:
     """After a reset it reports its identity within 2 s."""
-    if decoded.told(RESET) is None:
+    if decoded.sent_command(RESET) is None:
         return not_seen("it was not reset")
     said = _banner(_lines(decoded, "reset"))
-    within = checks.answered(decoded.told(RESET), RESET_WITHIN_S)
+    within = checks.answered(decoded.sent_command(RESET), RESET_WITHIN_S)
     return said if said.outcome.value == "failed" else within
 
 
 @requires(102, f"{HOSTS}: a command that sets something is echoed")
 def settings_are_echoed(decoded: BallTraffic) -> Verdict:
     """CB, P and M are echoed within 0.25 s."""
-    asked = [decoded.told(command) for command in (BINARY, RATE_20_HZ, SEND_VECTORS)]
+    asked = [decoded.sent_command(command) for command in (BINARY, RATE_20_HZ, SEND_VECTORS)]
     verdicts = [checks.answered(each, ANSWER_S) for each in asked]
     return next((each for each in verdicts if each.outcome.value == "failed"), verdicts[-1])
 
@@ -167,7 +167,7 @@ def settings_are_echoed(decoded: BallTraffic) -> Verdict:
 @requires(103, f"{HOSTS}: k")
 def keys_can_be_asked_for(decoded: BallTraffic) -> Verdict:
     """k is answered within 0.25 s with the keys, of which none is down."""
-    asked = decoded.told(QUERY_KEYS)
+    asked = decoded.sent_command(QUERY_KEYS)
     if asked is not None and asked.answer is not None and asked.answer.mask:
         return failed(f"mask {asked.answer.mask:#x}", [asked.answer.number])
     return checks.answered(asked, ANSWER_S)
@@ -176,15 +176,19 @@ def keys_can_be_asked_for(decoded: BallTraffic) -> Verdict:
 @requires(104, f"{HOSTS}: ?")
 def unknown_commands_are_refused(decoded: BallTraffic) -> Verdict:
     """Unknown commands are answered with ? within 0.25 s, and no others are."""
-    told = decoded.told(UNKNOWN)
-    if told is None:
+    sent_command = decoded.sent_command(UNKNOWN)
+    if sent_command is None:
         return not_seen("none was sent")
     early = [
         each.number
         for each in decoded.packets
-        if isinstance(each.value, SpaceballError) and each.number < told.number
+        if isinstance(each.value, SpaceballError) and each.number < sent_command.number
     ]
-    return failed("it refuses others, too", early) if early else checks.answered(told, ANSWER_S)
+    return (
+        failed("it refuses others, too", early)
+        if early
+        else checks.answered(sent_command, ANSWER_S)
+    )
 
 
 @requires(105, f"{HOSTS}: D while it is deflected")
@@ -234,20 +238,20 @@ def axes_have_their_signs(decoded: BallTraffic) -> Verdict:
 def periods_are_those_of_motion(decoded: BallTraffic) -> Verdict:
     """The periods that motions report add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
-    told_s, took_s, wrong = 0.0, 0.0, []
+    reported_s, took_s, wrong = 0.0, 0.0, []
     for name in checks.HELD:
         for one, other in pairwise(decoded.motions(name)):
             assert isinstance(other.value, SpaceballMotion)
             period_s, between_s = PERIOD_UNIT_S * other.value.period, other.time_s - one.time_s
-            told_s, took_s = told_s + period_s, took_s + between_s
+            reported_s, took_s = reported_s + period_s, took_s + between_s
             if abs(period_s - between_s) > PERIOD_S:
                 wrong.append(other.number)
     if wrong:
         return failed(f"{len(wrong)} are off", wrong)
     if not took_s:
         return not_seen(checks.NOTHING)
-    said = f"{100.0 * told_s / took_s:.0f} % of the time"
-    return passed(said) if abs(told_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
+    said = f"{100.0 * reported_s / took_s:.0f} % of the time"
+    return passed(said) if abs(reported_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
 
 
 @requires(113, "packets have no checksum: what is mangled shows as a jump")
@@ -270,6 +274,6 @@ def a_steady_hand_is_steady(decoded: BallTraffic) -> Verdict:
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(decoded: BallTraffic) -> Verdict:
+def unplugging_is_reported(decoded: BallTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
     return checks.unplugged(decoded)

@@ -30,7 +30,7 @@ class SpaceballScenario(PuckScenario):
         yield from self._keys()
         if self._level >= Level.HOLD:
             yield mark("reset")
-            yield from self._told(RESET, RESET_S)
+            yield from self._send_command(RESET, RESET_S)
             yield Pause(0.1)
             yield from self._asked((BINARY, RATE_20_HZ, SEND_VECTORS, QUERY_KEYS, UNKNOWN))
             yield from self._motions(REST_S)

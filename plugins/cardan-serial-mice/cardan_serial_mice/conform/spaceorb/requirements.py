@@ -131,7 +131,7 @@ def axes_have_their_signs(decoded: OrbTraffic) -> Verdict:
 
 
 @requires(14, f"{CAPTURES}, K")
-def buttons_are_told(decoded: OrbTraffic) -> Verdict:
+def buttons_are_reported(decoded: OrbTraffic) -> Verdict:
     """Every press and release of a button is reported, alone."""
     return checks.buttons(decoded)
 
@@ -169,7 +169,7 @@ def _pieces(stream: bytes) -> list[bytes]:
 @requires(101, f"{CAPTURES}: ?")
 def it_can_be_asked_what_it_is(decoded: OrbTraffic) -> Verdict:
     """? is answered within 0.25 s, with two packets of information."""
-    asked = decoded.told(QUERY)
+    asked = decoded.sent_command(QUERY)
     verdict = checks.answered(asked, ANSWER_S)
     found = [
         each.value
@@ -184,13 +184,13 @@ def it_can_be_asked_what_it_is(decoded: OrbTraffic) -> Verdict:
 @requires(102, f"{CAPTURES}: n")
 def the_null_region_can_be_asked_for(decoded: OrbTraffic) -> Verdict:
     """n is answered with the null region within 0.25 s."""
-    return checks.answered(decoded.told(NULL_REGION), ANSWER_S)
+    return checks.answered(decoded.sent_command(NULL_REGION), ANSWER_S)
 
 
 @requires(103, f"{CAPTURES}: d")
 def motion_can_be_asked_for(decoded: OrbTraffic) -> Verdict:
     """d is answered with a motion within 0.25 s, which is zero at rest."""
-    asked = decoded.told(POLL)
+    asked = decoded.sent_command(POLL)
     if asked is not None and asked.answer is not None and any(asked.answer.counts):
         return failed(f"{asked.answer.counts}", [asked.answer.number])
     return checks.answered(asked, ANSWER_S)
@@ -203,6 +203,6 @@ def it_reports_again(decoded: OrbTraffic) -> Verdict:
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(decoded: OrbTraffic) -> Verdict:
+def unplugging_is_reported(decoded: OrbTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
     return checks.unplugged(decoded)

@@ -3,7 +3,7 @@
 from cardan.doctor.base import Finding, FindingLevel
 
 
-def told(check, findings):
+def levels_and_codes(check, findings):
     """The findings' levels and codes, in their order; each is well formed."""
     found = [findings] if isinstance(findings, Finding) else list(findings)
     for each in found:

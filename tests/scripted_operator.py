@@ -12,21 +12,21 @@ RIGHT, CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1
 REST = (0.0,) * 6
 
 
-class ToldMotion:
+class ScriptedOperator:
     """Does what a person would who is told to."""
 
     def __init__(self, more=()):
         """`more`: what a suite asks besides, each a step and its words."""
-        self.told = queue.SimpleQueue()
+        self.reported = queue.SimpleQueue()
         self._steps = STEPS | {how: name for name, how in more}
 
     @property
     def next_due_s(self):
-        return math.inf if self.told.empty() else 0.0
+        return math.inf if self.reported.empty() else 0.0
 
     def advance(self, now_s, device):
-        while not self.told.empty():
-            what = self._steps.get(self.told.get(), "let-go")
+        while not self.reported.empty():
+            what = self._steps.get(self.reported.get(), "let-go")
             if what == "twist":
                 device.set_axes(CLOCKWISE)
             elif what == "let-go":
