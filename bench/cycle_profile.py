@@ -69,14 +69,14 @@ PARTS = (
 # -- in the session's process ---------------------------------------------------------------------
 
 
-def _timed(function: Callable[..., Any], kept: list[int]) -> Callable[..., Any]:
+def _timed(function: Callable[..., Any], retained: list[int]) -> Callable[..., Any]:
     clock = time.perf_counter_ns
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
         start_ns = clock()
         result = function(*arguments, **named)
-        kept.append(clock() - start_ns)
+        retained.append(clock() - start_ns)
         return result
 
     return call
@@ -84,16 +84,16 @@ def _timed(function: Callable[..., Any], kept: list[int]) -> Callable[..., Any]:
 
 def _wrap_parts() -> dict[str, list[int]]:
     """Time every part from now on; those that this package does not have are left out."""
-    kept: dict[str, list[int]] = {}
+    retained: dict[str, list[int]] = {}
     for label, name in PARTS:
         module, _, path = name.partition(":")
         owner_name, _, method = path.rpartition(".")
         with contextlib.suppress(ModuleNotFoundError, AttributeError):
             owner = getattr(import_module(module), owner_name)
             function = getattr(owner, method)
-            kept[label] = []
-            setattr(owner, method, _timed(function, kept[label]))
-    return kept
+            retained[label] = []
+            setattr(owner, method, _timed(function, retained[label]))
+    return retained
 
 
 def run_session(path: str, *flags: str) -> None:
@@ -106,13 +106,13 @@ def run_session(path: str, *flags: str) -> None:
         for name in _LIBRARIES:
             module: Any = import_module(name)
             module.library_path = lambda: Path(path).with_suffix(".so")
-    kept = _wrap_parts()
+    retained = _wrap_parts()
     session = make_session(load_config(Path(path)))
     print("READY", flush=True)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     session.run(SECONDS)
     share = (time.process_time() - start_cpu_s) / (time.monotonic() - start_s)
-    samples = {label: values[-SAMPLES_KEPT:] for label, values in kept.items() if values}
+    samples = {label: values[-SAMPLES_KEPT:] for label, values in retained.items() if values}
     print(json.dumps({"cpu": share, "cycles": session.snapshot.loop.cycles, "samples": samples}))
 
 

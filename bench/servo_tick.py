@@ -94,9 +94,9 @@ def _cardan(kind: type[AnyServo], name: str, rows: int, pairs: int = PAIRS) -> A
     arm = kinematics(name)
     collision = shorten(CollisionModel(arm, surroundings()), pairs)
     home = np.array(arm.arm.home)
-    kept_m = sorted(collision.at(home))[rows - 1] + 0.02 if rows else 1e-6
+    retained_m = sorted(collision.at(home))[rows - 1] + 0.02 if rows else 1e-6
     options = ServoOptions(
-        safety_distance_m=kept_m, self_distance_m=kept_m, closing_deceleration_m_s2=50.0
+        safety_distance_m=retained_m, self_distance_m=retained_m, closing_deceleration_m_s2=50.0
     )
     servo = kind(arm, collision, options)
     servo.place(home)

@@ -17,7 +17,7 @@ from fuzz.target import Input
 FOLDER = Path(__file__).parent / "corpus"
 
 
-class Kept(NamedTuple):
+class StoredInput(NamedTuple):
     """An input that is kept: it has found something, or is a form of its own."""
 
     name: str
@@ -25,7 +25,7 @@ class Kept(NamedTuple):
     given: Input
 
 
-def kept(target: str) -> Iterator[Kept]:
+def stored(target: str) -> Iterator[StoredInput]:
     """The kept inputs of a target."""
     path = FOLDER / f"{target}.jsonl"
     if not path.exists():
@@ -33,7 +33,7 @@ def kept(target: str) -> Iterator[Kept]:
     for line in path.read_text(encoding="utf-8").splitlines():
         if line.strip():
             table = json.loads(line)
-            yield Kept(table["name"], input_of(table))
+            yield StoredInput(table["name"], input_of(table))
 
 
 def input_of(table: dict[str, Any]) -> Input:

@@ -18,7 +18,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from fuzz.corpus import input_of, kept, line_of
+from fuzz.corpus import input_of, line_of, stored
 from fuzz.mutate import Mutator
 from fuzz.target import HangError, Input, Target, Watch, cpu_s, packets_of, size_of, tried
 
@@ -63,7 +63,7 @@ class Outcome:
 
 def population_of(target: Target) -> list[Input]:
     """Its good inputs and those that are kept."""
-    found = [*target.seeds(), *(each.given for each in kept(target.name))]
+    found = [*target.seeds(), *(each.given for each in stored(target.name))]
     return found or [() if packets_of(target) else b""]
 
 

@@ -64,8 +64,8 @@ def test_an_arm_that_moves_again_is_seen():
         each + (0.005 if when > 1.0 else 0.0) for when, each in zip(times, stopping, strict=True)
     ]
     assert moved(again) == pytest.approx(0.005)
-    kept_from_work = [min(step, 12) + max(0, step - 100) for step in range(200)]
+    held_up = [min(step, 12) + max(0, step - 100) for step in range(200)]
     away = [abs(again[-1] - each) for each in again]
-    assert robot_and_server._again(times, away, kept_from_work) < 1e-9, (
+    assert robot_and_server._again(times, away, held_up) < 1e-9, (
         "nobody commanded it while it stood"
     )

@@ -64,7 +64,7 @@ def test_a_server_serves_after_garbage(name):
 def test_every_corpus_file_has_a_target_and_its_inputs_names():
     for path in corpus.FOLDER.iterdir():
         assert path.suffix == ".jsonl"
-        names = [each.name for each in corpus.kept(path.stem)]
+        names = [each.name for each in corpus.stored(path.stem)]
         assert path.stem in targets()
         assert len(set(names)) == len(names)
         assert all(names)

@@ -13,7 +13,7 @@ from studies.cartesian.sessions import (
     MODEL,
     Robot,
     free_endpoint,
-    kept_alive,
+    keep_alive,
     network_table,
     quantile,
 )
@@ -40,7 +40,7 @@ def measure() -> Load:
         stack.enter_context(session(port, MODEL + network_table(endpoint, RATE_HZ)))
         robot = Robot(port)
         stack.callback(robot.close)
-        with kept_alive([robot]):
+        with keep_alive([robot]):
             server_port, pid = stack.enter_context(server("console", endpoint))
         place = Place(server_port, "/ws")
         return load(endpoint, robot, place, pid, VIEWERS, topics=TOPICS, rate_hz=RATE_HZ)

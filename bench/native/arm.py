@@ -111,7 +111,7 @@ def peer_pairs(arm: ArmKinematics, collision: CollisionModel, options: ServoOpti
     """An array of the pairs, kept apart as the servo with these options does."""
     made = (PeerPair * len(collision.pairs))()
     bounds = JointBounds(arm, options.speed_share, options.acceleration_share)
-    for pair, (first, second), kept, deceleration, sweep in zip(
+    for pair, (first, second), clearance_m, deceleration, sweep in zip(
         made,
         collision.pair_solids,
         safety_distances(options, collision),
@@ -120,6 +120,6 @@ def peer_pairs(arm: ArmKinematics, collision: CollisionModel, options: ServoOpti
         strict=True,
     ):
         pair.first, pair.second = first, second
-        pair.safety_m, pair.deceleration_m_s2 = kept, deceleration
+        pair.safety_m, pair.deceleration_m_s2 = clearance_m, deceleration
         pair.sweep[: len(sweep)] = sweep
     return made

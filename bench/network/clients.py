@@ -24,7 +24,7 @@ from studies.cartesian.sessions import (
     as_a_controller,
     cpu_s,
     free_endpoint,
-    kept_alive,
+    keep_alive,
     network_table,
     quantile,
     resident_bytes,
@@ -88,7 +88,7 @@ def measure() -> list[Load]:
         stack.enter_context(session(port, tables))
         robot = Robot(port)
         stack.callback(robot.close)
-        with kept_alive([robot]):
+        with keep_alive([robot]):
             server_port, pid = stack.enter_context(server("rosbridge", endpoint))
         loads = [load(endpoint, robot, Place(server_port), pid, clients) for clients in CLIENTS]
         loads.append(load(endpoint, robot, Place(server_port), pid, CLIENTS[-1], crawling=True))
@@ -113,11 +113,11 @@ def load(
     busy_s = messages = 0.0
     ages_s: list[float] = []
     with ExitStack() as stack:
-        with kept_alive([robot]):
+        with keep_alive([robot]):
             listening = stack.enter_context(audience(place, topics, clients, crawling))
         for _ in range(TURNS):
             quiet_s += _answers(robot)
-            with kept_alive([robot]):
+            with keep_alive([robot]):
                 with network_arm(options=BusOptions(router=endpoint)) as arm:
                     # So that the arm has a target, whatever has disengaged it before.
                     arm.set_parameter(Parameter.STREAM, Stream.TWIST)
@@ -127,14 +127,14 @@ def load(
             began_s = cpu_s(pid)
             loud_s += _answers(robot)
             busy_s += cpu_s(pid) - began_s
-            with kept_alive([robot]):
+            with keep_alive([robot]):
                 heard = listening.heard()
                 messages += heard.messages
                 ages_s += heard.ages_s
                 grown_bytes = resident_bytes(pid) - before_bytes
                 listening.listen(False)
                 time.sleep(SETTLE_S)
-        with kept_alive([robot]):
+        with keep_alive([robot]):
             stack.close()
     seconds = TURN_S * TURNS
     expected = len(topics) * rate_hz * seconds

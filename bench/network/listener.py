@@ -27,7 +27,7 @@ MATCH_S = 1.0
 def listen(endpoints: Sequence[str]) -> None:
     """Subscribe to all topics but those for recorders."""
     with contextlib.ExitStack() as stack:
-        kept = []
+        retained = []
         for endpoint in endpoints:
             options = BusOptions(router=endpoint)
             network = stack.enter_context(BusNetwork(options, "bench_listener"))
@@ -38,7 +38,7 @@ def listen(endpoints: Sequence[str]) -> None:
                     # Zenoh's own threads receive it, and keep the newest.
                     ring = zenoh.handlers.RingChannel(1)
                     key = f"{options.domain}{topic}/**"
-                    kept.append(network.node.declare_subscriber(key, ring, DEFAULT_QOS))
+                    retained.append(network.node.declare_subscriber(key, ring, DEFAULT_QOS))
         time.sleep(MATCH_S)
         print("READY", flush=True)
         sys.stdin.read()

@@ -47,18 +47,21 @@ class _Clock:
     @contextmanager
     def watching(self) -> Iterator[None]:
         """Time the methods of all sessions of this process."""
-        kept = {
+        retained = {
             name: getattr(SessionNetwork, name)
             for name in ("due", "publish", "poll", "publish_cycle")
         }
-        timed = {name: self._timed(name, kept[name]) for name in ("poll", "publish_cycle")}
-        timed |= {"due": self._beginning(kept["due"]), "publish": self._ending(kept["publish"])}
+        timed = {name: self._timed(name, retained[name]) for name in ("poll", "publish_cycle")}
+        timed |= {
+            "due": self._beginning(retained["due"]),
+            "publish": self._ending(retained["publish"]),
+        }
         for name, method in timed.items():
             setattr(SessionNetwork, name, method)
         try:
             yield
         finally:
-            for name, method in kept.items():
+            for name, method in retained.items():
                 setattr(SessionNetwork, name, method)
 
     def _beginning(self, due: Callable[..., bool]) -> Callable[..., bool]:

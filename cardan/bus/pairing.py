@@ -227,7 +227,7 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
         "router", (ROUTER, f"quic/{outside}?{MIXED}=auto", f"tls/{outside}"), ()
     )
     settings |= {"transport/link/tls/close_link_on_expiration": True}
-    with _kept(folder, "listen", settings, authority, ours, private):
+    with _stored(folder, "listen", settings, authority, ours, private):
         channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
         channel.receive("kept")
     with contextlib.suppress(OSError):  # The files are there, whether or not it hears of it.
@@ -249,7 +249,7 @@ def _join(channel: _Channel, host: str, code: str, folder: Path, *, quic: bool) 
     at = f"[{host}]" if ":" in host else host
     far = f"quic/{at}:{TLS_PORT}?{MIXED}=1" if quic else f"tls/{at}:{TLS_PORT}"
     settings = zenoh_settings("client", (), (far,))
-    with _kept(folder, "connect", settings, authority, ours, private):
+    with _stored(folder, "connect", settings, authority, ours, private):
         channel.send("kept")
         channel.receive("kept too")
     return folder / CONFIG
@@ -280,7 +280,7 @@ def _folder(name: str, replace: bool) -> Path:
 
 
 @contextlib.contextmanager
-def _kept(folder: Path, side: str, settings: dict[str, object], *pems: bytes) -> Iterator[None]:
+def _stored(folder: Path, side: str, settings: dict[str, object], *pems: bytes) -> Iterator[None]:
     """Write Zenoh's configuration, authority, certificate and key beside `folder`, and put them
     there, all at once, if the block inside succeeds. Raises OSError."""
     names = ("authority.pem", "certificate.pem", "key.pem", CONFIG)

@@ -132,10 +132,10 @@ class Twins:
         return f"another node{where} has the name {self._node.full_name}"
 
 
-def _take(watch: TokenWatch, kept: dict[str, Any], read: Callable[[str], Any]) -> None:
+def _take(watch: TokenWatch, retained: dict[str, Any], read: Callable[[str], Any]) -> None:
     while (change := watch.poll()) is not None:
         key, there = change
         if not there:
-            kept.pop(key, None)
+            retained.pop(key, None)
         elif (found := read(key)) is not None:
-            kept[key] = found
+            retained[key] = found

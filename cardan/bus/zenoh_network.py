@@ -157,8 +157,8 @@ class BusNetwork:
         with self._lock:
             for each in self._graph.entities(PUBLISHER, SUBSCRIPTION, SERVICE):
                 if each.zid != self.node.zid:
-                    kept = servers if each.kind == SERVICE else ends
-                    kept.setdefault(each.name, []).append(each)
+                    retained = servers if each.kind == SERVICE else ends
+                    retained.setdefault(each.name, []).append(each)
         topics = {}
         for name, there in ends.items():
             publishers = [each for each in there if each.kind == PUBLISHER]

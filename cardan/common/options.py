@@ -67,7 +67,7 @@ def check_options(options: Any) -> None:
 def check_field(options: Any, name: str, hint: Any) -> None:
     """:func:`check_options` for one field, by `hint`."""
     given = getattr(options, name)
-    value = given if type(given) in _UNCHANGEABLE else kept(hint, given)
+    value = given if type(given) in _UNCHANGEABLE else frozen(hint, given)
     if allowed := refusal(hint, value):
         raise OptionError(name, given, allowed)
     if value is not given:
@@ -107,31 +107,31 @@ class FrozenMapping(Mapping[Any, Any]):
         return repr(self._items)
 
 
-def kept(hint: Any, value: Any) -> Any:
+def frozen(hint: Any, value: Any) -> Any:
     """`value` as options keep it where `hint` annotates it: tuples, copies, texts for paths."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return kept(inner[0], value)
+        return frozen(inner[0], value)
     if origin in (Union, UnionType):
-        found = ((each, kept(each, value)) for each in inner)
+        found = ((each, frozen(each, value)) for each in inner)
         return next((made for each, made in found if not refusal(each, made)), value)
     if hint is str and isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, (tuple, list)):
         if origin is tuple:
             kinds = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
-            return _kept_elements(kinds, value, tuple)
+            return _frozen_elements(kinds, value, tuple)
         if _is_class(hint) and hasattr(hint, "_fields"):  # a NamedTuple
-            return _kept_elements(tuple(hints(hint).values()), value, hint._make)
+            return _frozen_elements(tuple(hints(hint).values()), value, hint._make)
     if origin is Mapping and isinstance(value, Mapping):
-        return FrozenMapping({key: kept(inner[1], each) for key, each in value.items()})
+        return FrozenMapping({key: frozen(inner[1], each) for key, each in value.items()})
     return value
 
 
-def _kept_elements(kinds: tuple[Any, ...], value: Any, made: Callable[[Any], Any]) -> Any:
+def _frozen_elements(kinds: tuple[Any, ...], value: Any, made: Callable[[Any], Any]) -> Any:
     if len(kinds) != len(value):
         return value
-    elements = [kept(*each) for each in zip(kinds, value, strict=True)]
+    elements = [frozen(*each) for each in zip(kinds, value, strict=True)]
     same = all(new is old for new, old in zip(elements, value, strict=True))
     return value if same and isinstance(value, tuple) else made(elements)
 

@@ -57,7 +57,7 @@ class Added(NamedTuple):
     arm: ArmModel
     proposals: tuple[Proposal, ...]
     covered: tuple[Covered, ...]
-    kept: tuple[Path, Published] | None = None
+    stored: tuple[Path, Published] | None = None
     """A URDF that becomes a file, and which."""
     has_home: bool = False
     """Whether that is the description's own."""
@@ -69,8 +69,8 @@ class Added(NamedTuple):
         arm = self.arm
         proposed = ", ".join(dict.fromkeys(each.joint for each in self.proposals))
         found = []
-        if self.kept is not None:
-            urdf, published = self.kept
+        if self.stored is not None:
+            urdf, published = self.stored
             found.append(("URDF", f"of {published.origin}; kept as {urdf}"))
         limits = "of the URDF"
         if proposed:
@@ -110,8 +110,8 @@ class Added(NamedTuple):
     def write(self) -> ArmModel:
         """The arm, as it is read from the files that were written. Raises ConfigurationError."""
         texts = [(self.path, self.text)]
-        if self.kept is not None:
-            urdf, published = self.kept
+        if self.stored is not None:
+            urdf, published = self.stored
             texts.insert(0, (urdf, published.text))
         for path, text in texts:
             try:
@@ -246,8 +246,8 @@ def _added(tree: Tree, file: ArmFile, at: Path, path: Path, published: Published
     origin = "" if published is None else published.origin
     text = _text(arm, head, chain.base, lines, bool(proposals), task, origin, has_home)
     covers = tuple(_covers(file, list(meshes.values())))
-    kept = None if published is None else (at, published)
-    return Added(path, text, arm, tuple(proposals), covers, kept, has_home, given)
+    stored = None if published is None else (at, published)
+    return Added(path, text, arm, tuple(proposals), covers, stored, has_home, given)
 
 
 def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:

@@ -87,7 +87,7 @@ class Show:
         self._next: RecordedMessage | None = None
 
     def _look_through(self) -> Contents:
-        first_ns, last_ns, kept = 0, -1, 0
+        first_ns, last_ns, retained = 0, -1, 0
         types: dict[str, str] = {}
         counts: Counter[str] = Counter()
         for message in self._reader:
@@ -98,8 +98,8 @@ class Show:
                 types.setdefault(topic.name, topic.type_name)
                 counts[topic.name] += 1
             size = len(message.data)
-            if topic.latched and size <= MOST_MESSAGE and kept + size <= MOST_LATCHED:
-                kept += size
+            if topic.latched and size <= MOST_MESSAGE and retained + size <= MOST_LATCHED:
+                retained += size
                 self._latched.append(message)
         if last_ns < 0:
             why = "; ".join(("", *self._reader.problems))

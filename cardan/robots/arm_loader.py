@@ -22,7 +22,7 @@ from cardan.common.tables import parse_toml, read_table, read_text
 from cardan.errors import ConfigurationError, about, below
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_model import ArmModel
-from cardan.robots.arm_table import from_table, keep_arm, kept_arm
+from cardan.robots.arm_table import from_table, keep_arm, stored_arm
 from cardan.robots.mesh_files import meshes_of, read_mesh
 from cardan.robots.urdf import disabled_pairs, read_tree
 from cardan.robots.xacro_file import DESCRIPTIONS, read_description
@@ -140,7 +140,7 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
         )
     texts = ArmTexts(located(name_or_file, Path()))
     parts = texts.parts()
-    arm = kept_arm(parts, texts.urdf)
+    arm = stored_arm(parts, texts.urdf)
     if arm is None:
         arm = texts.build()
         keep_arm(parts, texts.urdf, arm)

@@ -216,18 +216,18 @@ class ArmModel(NamedTuple):
     def without(self, other: ArmModel) -> ArmModel:
         """Return the arm without links that `other`, an arm of the same robot, moves: held here."""
         theirs = {shape.name for shape in other.shapes if shape.body > 0}
-        kept = [
+        retained = [
             number
             for number, shape in enumerate(self.shapes)
             if shape.body > 0 or shape.name not in theirs
         ]
-        now = {number: index for index, number in enumerate(kept)}
+        now = {number: index for index, number in enumerate(retained)}
 
         def renumbered(pairs: frozenset[tuple[int, int]]) -> frozenset[tuple[int, int]]:
             return frozenset((now[a], now[b]) for a, b in pairs if a in now and b in now)
 
         return self._replace(
-            shapes=tuple(self.shapes[number] for number in kept),
+            shapes=tuple(self.shapes[number] for number in retained),
             disabled_shapes=renumbered(self.disabled_shapes),
             touching_shapes=renumbered(self.touching_shapes),
             held_rows=tuple(row for row in self.held_rows if row[0] not in other.joint_names),

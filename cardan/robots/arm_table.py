@@ -68,7 +68,7 @@ def made_from(kind: type[_T], text: str) -> _T | None:
     return made
 
 
-def kept_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
+def stored_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
     """Return the model that `keep_arm` has kept of these files; None: nothing."""
     key = content_key((*parts, *_sources()))
     text = cached_text(KIND, key)
@@ -76,7 +76,7 @@ def kept_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
 
 
 def keep_arm(parts: Sequence[str | bytes], urdf: str, arm: ArmModel) -> None:
-    """Keep the model for `kept_arm`, if the user has a writable folder for it."""
+    """Keep the model for `stored_arm`, if the user has a writable folder for it."""
     key = content_key((*parts, *_sources()))
     cache_text(KIND, key, to_table(arm, key, urdf))
 

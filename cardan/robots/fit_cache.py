@@ -21,8 +21,8 @@ def fit_mesh(path: Path, how: How, scale: Vector3 = UNSCALED) -> Fit:
     data = read_mesh(path)
     key = content_key((data, plain_text((METHOD, how, *scale, path.suffix.lower()))))
     text = cached_text(KIND, key)
-    if text is not None and (kept := made_from(Fit, text)) is not None:
-        return kept
+    if text is not None and (stored := made_from(Fit, text)) is not None:
+        return stored
     points = points_in(data, path, scale)
     with about(f"mesh {path}"):
         found = fit(points, how)

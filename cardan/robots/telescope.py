@@ -153,15 +153,17 @@ def _replaced(
         name = leader.name if slides else moving.name if joint == leader else joint.name
         kind = JointKind.PRISMATIC.value if slides else "fixed"
         element = ET.Element("joint", name=name, type=kind)
-        kept = ("parent", "child", "origin", "axis") if slides else ("parent", "child", "origin")
-        element.extend(copy.deepcopy(each) for each in joint.element if each.tag in kept)
+        retained = (
+            ("parent", "child", "origin", "axis") if slides else ("parent", "child", "origin")
+        )
+        element.extend(copy.deepcopy(each) for each in joint.element if each.tag in retained)
         if slides:
             element.append(limit)
         made[joint.name] = TreeJoint(name, kind, joint.parent, joint.child, element)
     elements = {joint.element: made[joint.name].element for joint in row}
     # Its home is that of the joints as they were.
-    kept_elements = (each for each in tree.robot if each.tag != "group_state")
-    robot.extend(elements.get(each, each) for each in kept_elements)
+    frozen_elements = (each for each in tree.robot if each.tag != "group_state")
+    robot.extend(elements.get(each, each) for each in frozen_elements)
     joints = [made.get(joint.name, joint) for joint in tree.joints.values()]
     return tree._replace(
         robot=robot,

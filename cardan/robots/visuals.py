@@ -47,7 +47,7 @@ class Visuals(NamedTuple):
 
 
 def keep_visuals(name_or_file: str) -> Visuals:
-    """Keep the visual meshes of an arm, as `load_arm` takes it, for `kept_visual`.
+    """Keep the visual meshes of an arm, as `load_arm` takes it, for `stored_visual`.
 
     A missing, damaged or too large mesh is left out. Raises ConfigurationError as `load_arm`.
     """
@@ -73,7 +73,7 @@ def keep_visuals(name_or_file: str) -> Visuals:
     return Visuals(keys, tuple(left_out))
 
 
-def kept_visual(key: str) -> bytes | None:
+def stored_visual(key: str) -> bytes | None:
     """Return the mesh that is kept by a key; None: there is none."""
     return cached_bytes(KIND, key) or None
 

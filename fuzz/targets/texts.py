@@ -141,9 +141,9 @@ def idle_daemon() -> tuple[Daemon, Any]:
     config = _config_of_two()
     daemon = Daemon(config, lambda: config)
     daemon._look_after = lambda _now_s: None  # type: ignore[method-assign]
-    for kept in daemon._services.values():
-        kept.unit.stop(0.0, "")
-        kept.process = _Running()
+    for service in daemon._services.values():
+        service.unit.stop(0.0, "")
+        service.process = _Running()
     return daemon, _Program()
 
 

@@ -31,7 +31,7 @@ from studies.cartesian.sessions import (
     Robot,
     as_a_controller,
     free_endpoint,
-    kept_alive,
+    keep_alive,
     network_table,
     quantile,
 )
@@ -195,7 +195,7 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
         there: dict[str, Trial] = {}
         robots: list[Robot] = []
         arms: list[RemoteArm] = []
-        with kept_alive(robots):
+        with keep_alive(robots):
             for name, transport in TRANSPORTS.items():
                 if name == "DDS" and left_out():
                     continue
@@ -209,12 +209,12 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
                 arm = network_arm(options=BusOptions(router=endpoint))
                 arms.append(stack.enter_context(arm))
         while any(each.trials < trials for each in there.values()):
-            with kept_alive(robots):
+            with keep_alive(robots):
                 for arm in arms:
                     arm.set_parameter(Parameter.STREAM, Stream.TWIST)
             with as_a_controller():
                 _run(list(there.values()), trials)
-        with kept_alive(robots):  # So that no session loses its robot while it ends.
+        with keep_alive(robots):  # So that no session loses its robot while it ends.
             stack.close()
         return {
             name: Delays(each.delays_s, each.datagrams, each.lost) for name, each in there.items()

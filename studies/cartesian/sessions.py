@@ -73,7 +73,7 @@ class Robot:
 
 
 @contextlib.contextmanager
-def kept_alive(robots: Sequence[Robot]) -> Iterator[Callable[[], None]]:
+def keep_alive(robots: Sequence[Robot]) -> Iterator[Callable[[], None]]:
     """Robots whose sessions are being prepared, in a thread; what is given ends it."""
     over = threading.Event()
 

@@ -340,7 +340,7 @@ def table(found: list[tuple[Push, Compared, Compared]]) -> str:
 def summary(what: str, points: list[Compared]) -> str:
     """Return a line of text on a grid over `what`."""
     unstable = [one for one in points if not one.plain.stable]
-    kept = sum(one.ours.passive for one in points)
+    retained = sum(one.ours.passive for one in points)
     rest = sum(one.ours.settled for one in points)
     least = min(one.ours.margin_j for one in points)
     most = max(one.ours.given_j for one in points)
@@ -348,7 +348,7 @@ def summary(what: str, points: list[Compared]) -> str:
     harder = max(one.ours.harder_j for one in points)
     return (
         f"{what}, {points[0].hand.name}: {len(points)} points, plain unstable at {len(unstable)}; "
-        f"ours within its bound at {kept}, at rest at {rest}; most energy {1e3 * most:.1f} mJ, "
+        f"ours within its bound at {retained}, at rest at {rest}; most energy {1e3 * most:.1f} mJ, "
         f"least margin {1e3 * least:.2f} mJ, most hidden {1e3 * hidden:.2f} mJ, "
         f"sum for harder accelerations {1e3 * harder:.1f} mJ"
     )

@@ -67,14 +67,14 @@ def test_topics_have_one_by_default_and_are_checked():
 @contextlib.contextmanager
 def publishing(*texts, type_name=TYPE, latched=True):
     """How to join a bus on which each text is published, by a node for each."""
-    endpoint, kept = free_endpoint(), []
+    endpoint, retained = free_endpoint(), []
     with contextlib.ExitStack() as opened:
         options = BusOptions(router="", listen=(endpoint,))
         for number, text in enumerate(texts):
             node = opened.enter_context(BusNetwork(options, f"publisher_{number}"))
-            kept.append(node.advertise(TOPIC, type_name, latched))
+            retained.append(node.advertise(TOPIC, type_name, latched))
             if text is not None:
-                kept[-1].publish(message(text))
+                retained[-1].publish(message(text))
             options = BusOptions(router=endpoint)
         yield BusOptions(router=endpoint)
 

@@ -113,13 +113,13 @@ def test_who_meets_a_process_that_stands_still_leaves_in_time():
 def test_what_need_not_arrive_is_said_to_zenoh_and_on_the_graph_and_nothing_else_is(bus):
     one, join = bus
     newest = one.publisher("/lost", STRING, NEWEST_QOS, express=True)
-    kept = one.publisher("/kept", STRING, express=True)
+    retained = one.publisher("/kept", STRING, express=True)
     latched = one.publisher("/latched", STRING, LATCHED_QOS)
     assert newest._publisher.reliability == zenoh.Reliability.BEST_EFFORT
     assert newest._reliable.reliability == zenoh.Reliability.RELIABLE
-    for each in (kept, latched):
+    for each in (retained, latched):
         assert each._reliable is each._publisher
-    assert kept._publisher.reliability == zenoh.Reliability.RELIABLE
+    assert retained._publisher.reliability == zenoh.Reliability.RELIABLE
     assert not Entity.parse(newest.entity.token(0)).qos.reliable
 
     heard = join().waiting_subscription("/lost", STRING, 10)
@@ -130,7 +130,7 @@ def test_what_need_not_arrive_is_said_to_zenoh_and_on_the_graph_and_nothing_else
         received = heard.wait(TIMEOUT_S)
         assert (received.data, received.attachment.sequence) == (text(words), number)
     newest.close()
-    kept.put_reliably(text("the same"), 3)
+    retained.put_reliably(text("the same"), 3)
 
 
 def test_a_ring_keeps_the_newest(bus):

@@ -49,7 +49,7 @@ def pair_with(host, port, replace, code):
     return pairing.pair_with(host, port, replace, lambda: code)
 
 
-def kept(state):
+def stored(state):
     """Texts of the files that are kept there."""
     return {
         str(path.relative_to(state)): path.read_text(encoding="utf-8")
@@ -242,9 +242,9 @@ def test_an_operator_that_leaves_after_the_last_step_leaves_the_robots_files(sta
 
         thread = threading.Thread(target=leave)
         thread.start()
-        kept_at = pairing._serve(pairing._Channel(here, END_S), "CODE", state / "as-robot")
+        stored_at = pairing._serve(pairing._Channel(here, END_S), "CODE", state / "as-robot")
         thread.join(30.0)
-    assert kept_at.exists()
+    assert stored_at.exists()
     assert [path.name for path in state.iterdir()] == ["as-robot"]
 
 
@@ -336,9 +336,9 @@ def test_an_operator_whose_clock_is_a_day_behind_keeps_nothing(state, monkeypatc
             with pytest.raises(AddressError, match="the clocks differ: here it is"):
                 pair_with(HOST, robot.port, False, robot.codes[0])
         until(lambda: robot.reported)
-        assert kept(state) == {}
+        assert stored(state) == {}
         pair_with(HOST, robot.port, False, robot.codes[0])
-    assert "as-robot/zenoh.json5" in kept(state)
+    assert "as-robot/zenoh.json5" in stored(state)
 
 
 @pytest.mark.parametrize("words", [("",), ("--code", "ABCD-EFGH")])
@@ -358,7 +358,7 @@ def test_both_have_their_files_and_the_keys_differ(state):
         state / "with-127.0.0.1" / "zenoh.json5",
         state / "as-robot" / "zenoh.json5",
     )
-    files = kept(state)
+    files = stored(state)
     names = {"authority.pem", "certificate.pem", "key.pem", "zenoh.json5"}
     assert files.keys() == {
         f"{side}/{name}" for side in ("as-robot", "with-127.0.0.1") for name in names
@@ -381,10 +381,10 @@ def test_both_have_their_files_and_the_keys_differ(state):
         wait_for_operator((HOST, free_tcp_port()), False, [].append, [].append)
     with pytest.raises(ConfigurationError, match=r"--replace: .* paired already, in .*with-127"):
         pairing.pair_with(HOST, 1, False, lambda: pytest.fail("it asked for the code"))
-    assert kept(state) == files
+    assert stored(state) == files
     with Waiting(replace=True) as robot:
         pair_with(HOST, robot.port, True, robot.codes[0])
-    anew = kept(state)
+    anew = stored(state)
     assert anew.keys() == files.keys()
     assert all(anew[name] != files[name] for name in files if name.endswith(".pem"))
     assert sorted(path.name for path in state.iterdir()) == ["as-robot", "with-127.0.0.1"]
@@ -404,7 +404,7 @@ def test_a_wrong_code_is_refused_three_times_and_then_there_is_another(state):
             pair_with(HOST, robot.port, False, robot.codes[0])
         assert not state.exists()
         pair_with(HOST, robot.port, False, robot.codes[1])
-    assert "as-robot/zenoh.json5" in kept(state)
+    assert "as-robot/zenoh.json5" in stored(state)
 
 
 @pytest.mark.matrix

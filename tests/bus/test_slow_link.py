@@ -83,7 +83,7 @@ def test_an_answer_waits_for_few_bytes_of_the_pictures_that_fill_its_link(free_p
         slow_link(free_port) as port,
         BusNetwork(BusOptions(router=f"tcp/127.0.0.1:{port}", mode="client"), "robot") as robot,
     ):
-        kept = [
+        retained = [
             robot.serve("/stop", TRIGGER, lambda request, answer: answer(request)),
             page.subscribe("/camera", IMAGE, lambda cdr, _ns: pictures.append(len(cdr))),
         ]
@@ -118,7 +118,7 @@ def test_an_answer_waits_for_few_bytes_of_the_pictures_that_fill_its_link(free_p
         finally:
             ended.set()
             filming.join()
-        for each in kept:
+        for each in retained:
             each.close()
     ahead = (beside_s - alone_s) * BYTES_PER_S
     print(

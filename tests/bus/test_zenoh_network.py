@@ -31,7 +31,7 @@ def pair():
 
 def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
     server, other = pair
-    kept = server.advertise("/chatter", "std_msgs/msg/String", latched=False)
+    retained = server.advertise("/chatter", "std_msgs/msg/String", latched=False)
     part = server.part("client")
     part.advertise("/chatter", "std_msgs/msg/String", latched=False)
     own = part.advertise("/wave", "std_msgs/msg/String", latched=False)
@@ -42,7 +42,7 @@ def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
     until(lambda: "/client" not in other.nodes() and "/ready" not in other.services())
     assert "/wave" not in other.topics()
     assert other.topics()["/chatter"].publishers == ("/server",)
-    for each in (part, own, served, kept):
+    for each in (part, own, served, retained):
         each.close()
 
 

@@ -84,8 +84,8 @@ def test_the_record_has_every_event(tmp_path):
     came = [data for topic, data in messages if topic == "/3dconnexion/from"]
     assert came == [e.data for e in timeline if e.kind is Kind.DATA and not e.sent]
     assert ("/3dconnexion/events", b"mark push") in messages
-    kept = json.loads((tmp_path / "report.json").read_text())
-    assert [*kept["attached"]] == ["record.mcap"]
+    stored = json.loads((tmp_path / "report.json").read_text())
+    assert [*stored["attached"]] == ["record.mcap"]
     assert {each.name for each in tmp_path.iterdir()} == {
         "record.mcap",
         "report.json",

@@ -128,13 +128,13 @@ def test_the_picture_has_what_is_around_the_arm_and_each_part_is_switched_off(pa
     boxes = "[...document.querySelectorAll('.check input')]"
     assert page.value(f"{boxes}.map(each => each.checked)") == [True] * 9 + [False]
     page.value(f"{boxes}.forEach(each => each.click())")
-    kept = "JSON.parse(localStorage.getItem('cardan-console')).hides"
-    assert page.value(kept) == [
+    stored = "JSON.parse(localStorage.getItem('cardan-console')).hides"
+    assert page.value(stored) == [
         *("ghost", "tcp", "commanded", "trail", "force", "axes", "workspace", "obstacles"),
         "visuals",
     ]
     page.value(f"{boxes}.forEach(each => each.click())")
-    assert page.value(kept) == ["capsules"]
+    assert page.value(stored) == ["capsules"]
 
 
 def test_a_dragged_gizmo_makes_a_ghost_and_nothing_moves(page, moving):

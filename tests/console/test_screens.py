@@ -32,11 +32,11 @@ def address(built, tmp_path_factory):
 @pytest.mark.parametrize("name", SCREENS)
 def test_the_page_looks_as_its_picture_does(address, browser, name):
     """Where it looks different on purpose: make console-pictures."""
-    kept = (FOLDER / f"{name}.webp").read_bytes()
+    stored = (FOLDER / f"{name}.webp").read_bytes()
     with shown(browser, address, SCREENS[name]) as page:
         left_out, picture = masks(page), page.picture()
     with browser.open("about:blank") as blank:
-        then, now = (means(blank, each, left_out) for each in (kept, picture))
+        then, now = (means(blank, each, left_out) for each in (stored, picture))
     assert len(then) == len(now)
     pairs = zip(then, now, strict=True)
     other = [max(abs(a - b) for a, b in zip(*pair, strict=True)) > OTHER for pair in pairs]

@@ -210,13 +210,13 @@ def test_rest_that_queued_up_during_a_stall_is_not_believed(device):
     assert device.motion(ZERO).link is DeviceLink.LIVE
 
 
-@pytest.mark.parametrize("kept", ["translation", "rotation"])
-def test_a_half_that_stops_is_noticed(kept):
+@pytest.mark.parametrize("retained", ["translation", "rotation"])
+def test_a_half_that_stops_is_noticed(retained):
     device = Device().live()
     device.motion((0, 0, -175, 0, 0, 100), 3)
     links, reasons = set(), []
     for _ in range(20):
-        if kept == "translation":
+        if retained == "translation":
             device.report(encode_translation(0, 0, -175), 0.0)
         else:
             device.report(encode_rotation(0, 0, 100), 0.0)
@@ -224,12 +224,12 @@ def test_a_half_that_stops_is_noticed(kept):
             state = device.wait(0.001)
             links.add(state.link)
             reasons.append(state.reason)
-    other = "rotation" if kept == "translation" else "translation"
+    other = "rotation" if retained == "translation" else "translation"
     assert DeviceLink.LIVE in links
     assert device.state.link is not DeviceLink.LIVE
     metrics = device.core.metrics(device.now_s)
     assert metrics[f"{other}_age_s"] > 0.3
-    assert metrics[f"{kept}_age_s"] == pytest.approx(0.016)
+    assert metrics[f"{retained}_age_s"] == pytest.approx(0.016)
     assert metrics["unpaired_halves"] > 3
     reasons = [words for words in reasons if "deflected, but" in words]
     assert reasons

@@ -89,16 +89,16 @@ def random_command(choice, state):
 
 def changed_by(choice):
     """States as a network, another controller or a fault change them now and then."""
-    kept = []
+    retained = []
 
     def changed(data):
         happens = choice.random()
-        if kept:
-            data = kept.pop() + data
+        if retained:
+            data = retained.pop() + data
         elif len(data) != STATE_BYTES:
             pass
         elif happens < 0.01:
-            kept.append(data)
+            retained.append(data)
             return []
         elif happens < 0.02:
             cut = choice.randrange(STATE_BYTES)

@@ -41,9 +41,9 @@ def test_the_journal_has_its_fields(lab):
     found = wait(lambda: journal(NAME, "CARDAN_NAME=gofa", "CARDAN_EVENT=arm"))
     assert {"disarmed", "moving"} <= {each["CARDAN_WHAT"] for each in found}
     assert {each["SYSLOG_IDENTIFIER"] for each in found} == {"cardan"}
-    kept = Path("/var/lib/cardan/events.jsonl")
-    assert '"event":"arm"' in kept.read_text()
-    assert stat.S_IMODE(kept.stat().st_mode) == 0o600
+    stored = Path("/var/lib/cardan/events.jsonl")
+    assert '"event":"arm"' in stored.read_text()
+    assert stat.S_IMODE(stored.stat().st_mode) == 0o600
 
 
 def test_how_much_is_exposed(lab, capsys):

@@ -621,8 +621,8 @@ class Lab:
         """Events since then that the daemon has told of and that are not in its log."""
         # In this order: it tells of more meanwhile.
         reported = [event for event in self.reported if event["time_s"] >= since_s]
-        kept = list(read_events(self.log_of_events))
-        return [event for event in reported if event not in kept]
+        stored = list(read_events(self.log_of_events))
+        return [event for event in reported if event not in stored]
 
     def records(self) -> list[str]:
         """List the errors in the record of a run with a fault: it must be readable, and lack no

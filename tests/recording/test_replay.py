@@ -250,10 +250,10 @@ def test_types_that_cardan_does_not_know_are_replayed_with_their_hash(tmp_path):
 
     with listening(endpoint) as node:
         key = f"0{strange.name}/**"
-        kept = node.declare_subscriber(key, hear, DEFAULT_QOS)
+        retained = node.declare_subscriber(key, hear, DEFAULT_QOS)
         replay(path, BusOptions(router=endpoint), say=quietly)
         assert there.wait(10.0)
-        kept.undeclare()
+        retained.undeclare()
     assert heard == [(f"0{strange.name}/strange_msgs::msg::dds_::Thing_/{mark}", b"\0\1\0\0abc")]
 
 

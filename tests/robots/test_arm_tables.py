@@ -93,7 +93,7 @@ def own(tmp_path, monkeypatch):
     return path
 
 
-def kept(path):
+def stored(path):
     return list((path.parent / "cache" / "arms").iterdir())
 
 
@@ -104,24 +104,24 @@ def again(path):
 
 def test_what_was_read_is_kept_until_a_file_changes(own, monkeypatch):
     arm = load_arm(str(own))
-    (file,) = kept(own)
+    (file,) = stored(own)
     with monkeypatch.context() as patched:
         patched.setattr("cardan.robots.arm_loader._build", None)
         assert again(own) == arm
     own.write_text(OWN.replace('velocity="3"', 'velocity="2"'), encoding="utf-8")
     assert again(own).velocity == (2.0,)
-    assert len(kept(own)) == 2
-    assert file in kept(own)
+    assert len(stored(own)) == 2
+    assert file in stored(own)
 
 
 @pytest.mark.parametrize("damage", ["", "{", "null", '{"of": "x"}', "\0"])
 def test_a_damaged_file_of_the_cache_is_written_anew(own, damage):
     arm = load_arm(str(own))
-    (file,) = kept(own)
+    (file,) = stored(own)
     good = file.read_text(encoding="utf-8")
     file.write_text(damage, encoding="utf-8")
     assert again(own) == arm
-    assert kept(own) == [file]
+    assert stored(own) == [file]
     assert file.read_text(encoding="utf-8") == good
 
 

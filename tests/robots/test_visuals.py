@@ -9,7 +9,7 @@ from cardan.common.files import cache_folder
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers.console.site import SECURITY, VISUALS, visual
 from cardan.robots import visuals
-from cardan.robots.visuals import keep_visuals, kept_visual
+from cardan.robots.visuals import keep_visuals, stored_visual
 
 CORNERS = [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.3, 0.2, 0.0), (0.0, 0.2, 0.0)]
 OBJ = "".join("v {} {} {}\n".format(*corner) for corner in CORNERS)
@@ -52,10 +52,10 @@ def drawn(data):
 
 
 def test_each_mesh_is_kept_by_what_it_has(own):
-    kept = keep_visuals(own())
-    assert list(kept.keys) == ["package://own_description/square.obj", "other.OBJ"]
-    assert kept.in_words() == ""
-    square, other = (kept_visual(key) for key in kept.keys.values())
+    stored = keep_visuals(own())
+    assert list(stored.keys) == ["package://own_description/square.obj", "other.OBJ"]
+    assert stored.in_words() == ""
+    square, other = (stored_visual(key) for key in stored.keys.values())
     expected = [[CORNERS[0], CORNERS[1], CORNERS[2]], [CORNERS[0], CORNERS[2], CORNERS[3]]]
     np.testing.assert_allclose(drawn(square), expected, atol=1e-7)
     np.testing.assert_allclose(drawn(other), expected[:1], atol=1e-7)
@@ -70,12 +70,12 @@ def test_a_mesh_is_read_once_for_all_that_have_it(own, tmp_path, monkeypatch):
 
 def test_one_that_is_damaged_in_the_cache_is_read_again(own):
     (key, *_) = keep_visuals(own()).keys.values()
-    before = kept_visual(key)
+    before = stored_visual(key)
     (file,) = (cache_folder() / visuals.KIND).glob(f"{key}*")
     file.write_bytes(file.read_bytes()[:-1])
-    assert kept_visual(key) is None
+    assert stored_visual(key) is None
     keep_visuals(own())
-    assert kept_visual(key) == before
+    assert stored_visual(key) == before
 
 
 @pytest.mark.parametrize(
@@ -97,26 +97,26 @@ def test_one_that_cannot_be_shown_is_left_out_and_said(own, tmp_path, uri, text,
     if text is not None:
         (tmp_path / "own_description" / uri).write_text(text)
     for _ in range(2):
-        kept = keep_visuals(own(second=uri))
-        assert list(kept.keys) == ["package://own_description/square.obj"]
-        assert kept.in_words().startswith("1 of 2 visual meshes are not shown, bodies stand in")
-        assert words in kept.in_words()
+        stored = keep_visuals(own(second=uri))
+        assert list(stored.keys) == ["package://own_description/square.obj"]
+        assert stored.in_words().startswith("1 of 2 visual meshes are not shown, bodies stand in")
+        assert words in stored.in_words()
 
 
 def test_one_that_is_too_large_is_left_out_and_not_read_again(own, monkeypatch):
     monkeypatch.setattr(visuals, "MOST_BYTES", 8 + 12 * 4 + 12 * 2 - 1)
     for _ in range(2):
-        kept = keep_visuals(own())
-        assert list(kept.keys) == ["other.OBJ"]
-        assert "square.obj takes more than" in kept.in_words()
+        stored = keep_visuals(own())
+        assert list(stored.keys) == ["other.OBJ"]
+        assert "square.obj takes more than" in stored.in_words()
         monkeypatch.setattr("cardan.robots.meshes.surface_in", None)
 
 
 def test_an_arm_has_no_more_than_its_share(own, monkeypatch):
     monkeypatch.setattr(visuals, "MOST_BYTES_OF_ARM", 8 + 12 * 4 + 12 * 2)
-    kept = keep_visuals(own())
-    assert list(kept.keys) == ["package://own_description/square.obj"]
-    assert "'other.OBJ' is beyond the" in kept.in_words()
+    stored = keep_visuals(own())
+    assert list(stored.keys) == ["package://own_description/square.obj"]
+    assert "'other.OBJ' is beyond the" in stored.in_words()
     # The same one twice is there once.
     monkeypatch.setattr(visuals, "METHOD", "other")
     assert keep_visuals(own(second="square.obj")).in_words() == ""
@@ -125,9 +125,9 @@ def test_an_arm_has_no_more_than_its_share(own, monkeypatch):
 def test_without_a_folder_to_keep_it_in_nothing_is_shown(own, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "file"))
-    kept = keep_visuals(own())
-    assert kept.keys == {}
-    assert "no cache folder can be written to" in kept.in_words()
+    stored = keep_visuals(own())
+    assert stored.keys == {}
+    assert "no cache folder can be written to" in stored.in_words()
 
 
 def test_our_arms_have_none_and_a_bad_file_is_one_error(own, tmp_path):
@@ -140,7 +140,7 @@ def test_our_arms_have_none_and_a_bad_file_is_one_error(own, tmp_path):
 def test_the_console_has_what_is_kept_and_nothing_else(own, tmp_path):
     (key, *_) = keep_visuals(own()).keys.values()
     answer = visual(key)
-    assert answer.body == kept_visual(key)
+    assert answer.body == stored_visual(key)
     assert set(SECURITY) < set(answer.headers)
     assert dict(answer.headers)["Cache-Control"].startswith("private")
     (tmp_path / "cache" / "fits").mkdir()

@@ -605,9 +605,9 @@ def test_while_true_programs_begin_again_with_seqno_0():
     pc.run(2.5, pc.joints(*START_DEG))
     starts = [n for n, m in enumerate(pc.received) if m.header.seqno == 0]
     assert len(starts) >= 4
-    kept = Pc(mode="joint", script="while-true", cond_time_s=0.5, seqno_restarts=False)
-    kept.run(2.5, kept.joints(*START_DEG))
-    assert [m.header.seqno for m in kept.received] == list(range(len(kept.received)))
+    retained = Pc(mode="joint", script="while-true", cond_time_s=0.5, seqno_restarts=False)
+    retained.run(2.5, retained.joints(*START_DEG))
+    assert [m.header.seqno for m in retained.received] == list(range(len(retained.received)))
 
 
 # ---------------------------------------------------------------------------------------------

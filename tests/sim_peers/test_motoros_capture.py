@@ -179,8 +179,8 @@ class Replay:
 
     def poll(self):
         for number, data in self.servers.outgoing():
-            kept = self.states if number == self.state else self.replies
-            kept.append((self.now_s, WIRE.decode(data)))
+            retained = self.states if number == self.state else self.replies
+            retained.append((self.now_s, WIRE.decode(data)))
 
     def ask(self, data, until_s=1.0):
         """Send a request; return the time its reply took in the servers, and the reply."""

@@ -242,8 +242,8 @@ def test_four_clients_get_states_and_a_fifth_takes_the_first_ones_place(world):
     fifth = world.connect("state")
     assert list(world.closed) == four[:1]
     world.run(0.1)
-    kept = [*four[1:], fifth]
-    assert len({tuple(data for _, data in world.came[number]) for number in kept}) == 1
+    retained = [*four[1:], fifth]
+    assert len({tuple(data for _, data in world.came[number]) for number in retained}) == 1
     assert len(world.came[fifth]) == 8
     motion = world.connect("motion")
     world.start_moving(motion)

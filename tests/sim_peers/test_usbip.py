@@ -149,8 +149,8 @@ def test_of_reports_that_nobody_reads_the_oldest_go(puck):
     for number in range(10):
         puck.session.push(1, bytes((number,)))
     said = puck.say(b"".join(submit(number, 1, 64) for number in range(10)))
-    kept = [bytes((number,)) for number in range(10 - ENDPOINT_REPORTS, 10)]
-    assert said == b"".join(returned(number, 0, data) for number, data in enumerate(kept))
+    retained = [bytes((number,)) for number in range(10 - ENDPOINT_REPORTS, 10)]
+    assert said == b"".join(returned(number, 0, data) for number, data in enumerate(retained))
 
 
 def test_a_report_longer_than_the_read_is_an_overflow(puck):

@@ -101,8 +101,8 @@ def main(config=""):
     deep = dora.Ros2QosPolicies(reliable=True, keep_last=1000)
 
     def subscribe(name, type_name):
-        kept = ("_static", "_description", "/configuration", "/scene")
-        quality = latched if name.endswith(kept) else qos
+        retained = ("_static", "_description", "/configuration", "/scene")
+        quality = latched if name.endswith(retained) else qos
         topic = node.create_topic(name, short(type_name), quality)
         subscription = node.create_subscription(topic, quality)
         announced(name)

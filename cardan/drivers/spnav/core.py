@@ -195,11 +195,11 @@ class SpnavCore(DeviceCore):
         values: Sequence[ServerRecord | Handshake],
     ) -> list[ServerRecord | Handshake]:
         """All but the oldest motions of each long run of them."""
-        kept: list[ServerRecord | Handshake] = []
+        retained: list[ServerRecord | Handshake] = []
         for are_motions, values_of in groupby(values, lambda value: isinstance(value, MotionEvent)):
             run = list(values_of)
-            kept += run[-MOST_MOTIONS:] if are_motions else run
-        return kept
+            retained += run[-MOST_MOTIONS:] if are_motions else run
+        return retained
 
     def on_time(self, now_s: float) -> None:
         """Give up waiting for what has not come by `now_s`; call it at least each 50 ms."""

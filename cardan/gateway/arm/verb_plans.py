@@ -269,7 +269,9 @@ class VerbPlans:
         if rehearsed.pace < 1.0:
             slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
             note = f"{note}; {slow}" if note else slow
-        motion = FollowLine(self.servo, path, self.planner.kept, self.deceleration, self._arrival)
+        motion = FollowLine(
+            self.servo, path, self.planner.retained, self.deceleration, self._arrival
+        )
         return Plan(motion, path.duration_s, note)
 
     def _path(self, begin: Pose, target: Pose) -> tuple[LineTrajectory, str]:

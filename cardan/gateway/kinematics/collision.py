@@ -272,12 +272,12 @@ def _without_inner(
         # Of two that are the same, the first is kept.
         if one > other or not _is_inside(shapes[other], shapes[one]):
             around[one].append(other)
-    kept = set(pairs)
+    retained = set(pairs)
     return [
         (a, b)
         for a, b in pairs
-        if not any((min(each, b), max(each, b)) in kept for each in around[a])
-        and not any((min(a, each), max(a, each)) in kept for each in around[b])
+        if not any((min(each, b), max(each, b)) in retained for each in around[a])
+        and not any((min(a, each), max(a, each)) in retained for each in around[b])
     ]
 
 

@@ -55,11 +55,11 @@ def _farthest(
             high = min(upper[joint], q[joint] + half)
             if turn == 0:
                 low, high = lower[joint], upper[joint]
-            kept = q[joint]
+            held_rad = q[joint]
             for each in np.linspace(low, high, ANGLES):
                 q[joint] = each
                 found = sign * float(kinematics.forward(q).translation[axis])
                 if found > best:
-                    best, kept = found, each
-            q[joint] = kept
+                    best, held_rad = found, each
+            q[joint] = held_rad
     return best

@@ -121,9 +121,9 @@ class Planner:
         self._weights = np.where(self.followed, 1.0, 0.0) * lengths
         self._weights_on_way = weights * lengths
         # On the way an arm with few joints keeps the directions that its task counts most.
-        self._kept_on_way = weights >= 0.5 * weights.max()
+        self._retained_on_way = weights >= 0.5 * weights.max()
         can_all = np.count_nonzero(self.followed) <= len(model.joints)
-        self.kept = self.followed if can_all else self._kept_on_way
+        self.retained = self.followed if can_all else self._retained_on_way
         """Directions in which a line has to end at its goal: all that the arm follows, or those
         that its task counts most if it has too few joints."""
         self._units = tuple(
@@ -413,7 +413,7 @@ class Planner:
             found: FloatArray | None = self._boundless.inverse(placement, near, restarts=0)
             return found
         q, tcp = self._boundless.nearest(placement, near, self._weights_on_way)
-        missed = np.abs(tcp.actInv(placement).translation[self._kept_on_way[:3]])
+        missed = np.abs(tcp.actInv(placement).translation[self._retained_on_way[:3]])
         return q if float(missed.max(initial=0.0)) < WAY_TOLERANCE_M else None
 
 

@@ -351,7 +351,7 @@ def _create(
     if collision is not None:
         safety = safety_distances(options, collision)
         decelerations = closing_decelerations(options, bounds, collision).tolist()
-        for pair, (first, second), kept, deceleration, sweep in zip(
+        for pair, (first, second), clearance_m, deceleration, sweep in zip(
             pairs,
             collision.pair_solids,
             safety,
@@ -360,7 +360,7 @@ def _create(
             strict=True,
         ):
             pair.first, pair.second = first, second
-            pair.safety_m, pair.deceleration_m_s2 = kept, deceleration
+            pair.safety_m, pair.deceleration_m_s2 = clearance_m, deceleration
             pair.sweep[: len(sweep)] = sweep
     given = layout.COptions(**{name: getattr(options, name) for name in layout.OPTIONS})
     reason = ctypes.c_int32()

@@ -102,10 +102,10 @@ def closing_decelerations(
 
 def safety_distances(options: ServoOptions, collision: CollisionModel) -> list[float]:
     """How far apart the bodies of each pair are kept, m."""
-    kept: list[float] = np.where(
+    clearance_m: list[float] = np.where(
         collision.with_obstacle, options.safety_distance_m, options.self_distance_m
     ).tolist()
-    return kept
+    return clearance_m
 
 
 class Servo:
@@ -507,7 +507,7 @@ class Servo:
         deceleration = self._closing_m_s2
         safety, grown = self._safety, collision.grown_m
         if max(grown) > 0.0:
-            safety = [kept + more for kept, more in zip(safety, grown, strict=True)]
+            safety = [clearance_m + more for clearance_m, more in zip(safety, grown, strict=True)]
         # A pair that no speed within the joints' bounds can bring too near needs no row: first by
         # how far its bodies can move at most, then by its gradient.
         fastest = np.maximum(self._highest[:n], -self._lowest[:n])

@@ -59,8 +59,8 @@ def scene_of(config: SessionConfig) -> str:
         model = own_model(config)
         shapes = _shapes(model, model.shapes)
         home, bare = list(model.home), model.links_without_body()
-        kept = keep_visuals(table.model)
-        visuals, left_out = kept.keys, kept.in_words()
+        stored = keep_visuals(table.model)
+        visuals, left_out = stored.keys, stored.in_words()
         reach_m = tcp_range_m(ArmKinematics(model, table.tool()))
     return json.dumps(
         {

@@ -70,5 +70,5 @@ def outline(data: bytes, value: EgmRobot | EgmSensor | EgmSensorPathCorr) -> Out
     ones = _from_bytes(mask, "little")
     lowest = exponents & ~(exponents << 1)
     fixed = _from_bytes(data, "little") & ones
-    kept = ones | lowest << 11
-    return Outline(ones | exponents, lowest, kept, fixed, places[_SEQNO], places[_TM])
+    retained = ones | lowest << 11
+    return Outline(ones | exponents, lowest, retained, fixed, places[_SEQNO], places[_TM])

@@ -44,16 +44,16 @@ def _writer(registers: Registers, name: str, kind: str) -> Callable[[Any, Any], 
     count = BITS if kind == "boolean" else REGISTERS
 
     def write(address: Any, value: Any) -> None:
-        kept: Any
+        written: Any
         if kind == "integer":
             if isinstance(value, bool) or not isinstance(value, int):
                 raise ValueError(f"{text(value)} is not a whole number")
-            kept = ((value + 2**31) % 2**32) - 2**31
+            written = ((value + 2**31) % 2**32) - 2**31
         elif kind == "float":
-            kept = number("value", value)
+            written = number("value", value)
         else:
-            kept = truth("value", value)
-        getattr(registers, name)[_address(address, count)] = kept
+            written = truth("value", value)
+        getattr(registers, name)[_address(address, count)] = written
 
     return write
 

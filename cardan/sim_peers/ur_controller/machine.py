@@ -253,14 +253,14 @@ class Machine:
     def _size(self) -> int:
         """Bytes that all values take, about; more than `MOST_BYTES` are not counted on."""
         total = 0
-        for values in self._kept():
+        for values in self._retained():
             for each in values:
                 total += _size(each)
                 if total > MOST_BYTES:
                     return total
         return total
 
-    def _kept(self) -> Iterator[list[Any]]:
+    def _retained(self) -> Iterator[list[Any]]:
         yield self.globals
         for each in self._threads:
             yield from each.stack

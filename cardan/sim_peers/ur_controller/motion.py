@@ -331,7 +331,7 @@ class ArmMotion:
         return list(self._past[-1 - frames])
 
     @property
-    def positions_kept(self) -> int:
+    def positions_retained(self) -> int:
         """How many there are for `position_before`."""
         return len(self._past)
 

@@ -278,7 +278,9 @@ def _within(name: str, value: Any, most: float) -> float:
 
 def _state(motion: ArmMotion) -> Mapping[str, Function]:
     def history(steps: Any) -> list[float]:
-        return motion.position_before(checks.whole("steps", steps, 0, motion.positions_kept - 1))
+        return motion.position_before(
+            checks.whole("steps", steps, 0, motion.positions_retained - 1)
+        )
 
     def force() -> float:
         return norm(Vector3(*motion.tcp_force()[:3]))

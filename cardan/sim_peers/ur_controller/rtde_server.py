@@ -41,7 +41,7 @@ class Claims:
         self._in_use = faults.get("in-use", 0.0) > 0.0
         """A fieldbus has them all."""
         self._shared = faults.get("shared-inputs", 0.0) > 0.0
-        self._kept = faults.get("kept-inputs", 0.0) > 0.0
+        self._retains_inputs = faults.get("kept-inputs", 0.0) > 0.0
         self.foreign = 0
         """Clients that spoke another protocol."""
 
@@ -56,7 +56,7 @@ class Claims:
 
     def release(self, by: object) -> None:
         """Release the variables of `by`, which is gone."""
-        if not self._kept:
+        if not self._retains_inputs:
             self._owners = {name: owner for name, owner in self._owners.items() if owner is not by}
 
 

@@ -61,8 +61,8 @@ def socket_functions(sockets: ProgramSockets) -> Mapping[str, Function]:
         return sockets.send(words("socket_name", name), data)
 
     def send_int(value: Any, name: Any) -> bool:
-        kept = whole("value", value, -(2**31), 2**31 - 1)
-        return send(kept.to_bytes(4, "big", signed=True), name)
+        written = whole("value", value, -(2**31), 2**31 - 1)
+        return send(written.to_bytes(4, "big", signed=True), name)
 
     def send_byte(value: Any, name: Any) -> bool:
         return send(bytes([whole("value", value, -128, 255) & 0xFF]), name)
@@ -99,8 +99,8 @@ def socket_functions(sockets: ProgramSockets) -> Mapping[str, Function]:
         return read(name, _READ_S, lambda data: _answer(data, wanted), 0)
 
     def set_var(variable: Any, value: Any, name: Any) -> bool:
-        kept = whole("value", value, -(2**31), 2**31 - 1)
-        return send(f"SET {words('name', variable)} {kept}\n".encode("latin-1", "replace"), name)
+        written = whole("value", value, -(2**31), 2**31 - 1)
+        return send(f"SET {words('name', variable)} {written}\n".encode("latin-1", "replace"), name)
 
     last = {"socket_name": _NAME}
     timed = {**last, "timeout": _READ_S}

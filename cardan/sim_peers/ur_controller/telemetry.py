@@ -71,7 +71,7 @@ _SAFETY_BITS: Final[Mapping[SafetyMode, SafetyBit]] = {
 Value = TypeVar("Value")
 
 
-class _Kept(Generic[Value]):
+class _Retained(Generic[Value]):
     """Value that is computed on demand, at most once per frame."""
 
     def __init__(self, motion: ArmMotion, compute: Callable[[], Value]) -> None:
@@ -105,15 +105,15 @@ class Telemetry:
         """Types of the variables that clients may write, by name."""
         self._dynamics = controller.dynamics
         motion = self._motion
-        self._actual = _Kept(motion, lambda: self._place(motion.actual_q))
-        self._target = _Kept(motion, lambda: self._place(motion.target_q))
-        self._actual_effort = _Kept(
+        self._actual = _Retained(motion, lambda: self._place(motion.actual_q))
+        self._target = _Retained(motion, lambda: self._place(motion.target_q))
+        self._actual_effort = _Retained(
             motion, lambda: self._effort(motion.actual_q, motion.actual_qd, motion.actual_qdd)
         )
-        self._target_effort = _Kept(
+        self._target_effort = _Retained(
             motion, lambda: self._effort(motion.target_q, motion.target_qd, motion.target_qdd)
         )
-        self._actual_torques = _Kept(motion, self._measured_torques)
+        self._actual_torques = _Retained(motion, self._measured_torques)
         sources = {
             **self._of_controller(),
             **self._of_motion(),
@@ -262,7 +262,7 @@ class Telemetry:
 
     def _of_effort(self) -> dict[str, Source]:
         torques = self._actual_torques
-        currents = _Kept(self._motion, lambda: _currents(torques()))
+        currents = _Retained(self._motion, lambda: _currents(torques()))
         return {
             "target_moment": self._target_torques,
             "target_current": lambda: _currents(self._target_torques()),

@@ -240,12 +240,12 @@ class DdsNetwork:
         """Subscribe with the sender of each message; without `history` no messages published
         before. Raises NetworkError."""
         given = _Subscription(self.hub, self.full_name, _checked(topic), type_name, heard, history)
-        return self._kept(given)
+        return self._retained(given)
 
     def advertise(self, topic: str, type_name: str, latched: bool) -> _Sender:
         """A publisher. Raises NetworkError."""
         qos = Qos(transient_local=latched, depth=LATCHED_KEPT if latched else KEPT)
-        return self._kept(_Sender(self.hub, self.full_name, _checked(topic), type_name, qos))
+        return self._retained(_Sender(self.hub, self.full_name, _checked(topic), type_name, qos))
 
     def call(
         self,
@@ -273,9 +273,9 @@ class DdsNetwork:
     def serve_to(self, service: str, type_name: str, asked: AskedBy) -> Handle:
         """Offer a service, with the client of each request. Raises NetworkError."""
         checked = _checked(service)
-        return self._kept(_Server(self.hub, self.full_name, checked, type_name, asked))
+        return self._retained(_Server(self.hub, self.full_name, checked, type_name, asked))
 
-    def _kept(self, given: _GivenT) -> _GivenT:
+    def _retained(self, given: _GivenT) -> _GivenT:
         with self._making:
             self._given = [each for each in self._given if not each.closed]
             self._given.append(given)

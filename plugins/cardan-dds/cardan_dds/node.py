@@ -215,7 +215,7 @@ class DdsSubscription:
     ) -> None:
         self._type, self._reader, self._waiter, self._closed = type_name, reader, waiter, closed
         self._key = f"{node.options.number}{topic}/{dds_type(type_name)}/-"
-        self._kept: deque[Received] = deque()
+        self._retained: deque[Received] = deque()
         self._counts: dict[int, itertools.count[int]] = {}
         self._woken = False
         waiter.add(reader.condition, 1)
@@ -223,14 +223,14 @@ class DdsSubscription:
     def wait(self, timeout_s: float) -> Received | None:
         """Return the oldest kept message, or the next one; None on a time-out."""
         end_s = time.monotonic() + timeout_s
-        while not self._kept:
+        while not self._retained:
             self._take()
             left_s = end_s - time.monotonic()
-            if self._kept or left_s <= 0.0 or self._woken:
+            if self._retained or left_s <= 0.0 or self._woken:
                 break
             self._waiter.wait(left_s)
         self._woken = False
-        return self._kept.popleft() if self._kept else None
+        return self._retained.popleft() if self._retained else None
 
     def poll(self) -> Received | None:
         """Return the oldest kept message; None where there is none."""
@@ -252,7 +252,7 @@ class DdsSubscription:
             number = next(counted)
             gid = sample.writer.to_bytes(HANDLE_BYTES, "little").ljust(GID_BYTES, b"\0")
             attachment = Attachment(number, sample.source_ns, gid)
-            self._kept.append(Received(exact(self._type, sample.data), self._key, attachment))
+            self._retained.append(Received(exact(self._type, sample.data), self._key, attachment))
 
     def close(self) -> None:
         """Leave the graph."""
@@ -310,9 +310,9 @@ class DdsNode(OtherNode):
         reliability. Raises InterfaceError, RosNameError or DriverError."""
         participant, announcer = self._opened()
         # Messages published earlier reach a latched subscription only if it is reliable.
-        kept = qos._replace(depth=depth, reliable=qos.transient_local)
+        retained = qos._replace(depth=depth, reliable=qos.transient_local)
         names = self._names(name, type_name)
-        reader = participant.reader(*names, kept, topic_user_data(type_name))
+        reader = participant.reader(*names, retained, topic_user_data(type_name))
         announcer.add(self.full_name, reader)
         return DdsSubscription(
             self, checked_name(name), type_name, reader, participant.waiter(), self._close

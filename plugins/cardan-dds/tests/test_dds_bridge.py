@@ -96,8 +96,8 @@ def test_a_topic_goes_out_while_somebody_wants_it(sides):
 
 def test_a_latched_topic_begins_with_its_last_message_of_each_publisher(sides):
     robot, user = sides
-    kept = [robot.advertise("/arm/description", STRING, latched=True) for _ in range(2)]
-    for number, publisher in enumerate(kept):
+    retained = [robot.advertise("/arm/description", STRING, latched=True) for _ in range(2)]
+    for number, publisher in enumerate(retained):
         publisher.publish(text(f"<robot {number}/>"))
     until(lambda: (found := user.topics().get("/arm/description")) and found.latched)
     heard, _handle = hears(user, "/arm/description")
@@ -233,11 +233,11 @@ def test_nothing_goes_round_where_both_sides_publish_and_subscribe(sides):
 
 def test_an_old_command_is_not_given_again(sides):
     robot, user = sides
-    kept = user.advertise("/arm/command", STRING, latched=True)
-    kept.publish(text("old"))
+    retained = user.advertise("/arm/command", STRING, latched=True)
+    retained.publish(text("old"))
     heard, _handle = hears(robot, "/arm/command")
-    until(lambda: kept.heard)
-    kept.publish(text("new"))
+    until(lambda: retained.heard)
+    retained.publish(text("new"))
     until(lambda: heard)
     assert set(heard) == {text("new")}
 
@@ -247,11 +247,11 @@ def test_what_is_not_allowed_stays_where_it_is(sides):
     robot.advertise("/secret", STRING, latched=False)
     _, _handle = hears(robot, "/hidden")
     robot.serve("/shutdown", TRIGGER, lambda _request, answer: answer(REPLY))
-    kept = robot.advertise("/arm/state", STRING, latched=False)
+    retained = robot.advertise("/arm/state", STRING, latched=False)
     until(lambda: "/arm/state" in user.topics())
     assert not {"/secret", "/hidden"} & set(user.topics())
     assert "/shutdown" not in user.services()
-    kept.close()
+    retained.close()
 
 
 def test_another_type_is_reported(sides, caplog):

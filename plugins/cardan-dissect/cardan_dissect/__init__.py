@@ -258,9 +258,9 @@ class CaptureReader:
 
     def fold(self) -> None:
         """Keeps the most frequent of the other packets, and the number of the rest."""
-        kept = Counter(dict(self.others.most_common(MOST_OTHERS // 2)))
-        kept["others"] += self.others.total() - kept.total()
-        self.others = kept
+        retained = Counter(dict(self.others.most_common(MOST_OTHERS // 2)))
+        retained["others"] += self.others.total() - retained.total()
+        self.others = retained
 
     def counts(self) -> Counts:
         """Return the counts of packets and messages."""
@@ -306,10 +306,10 @@ class CaptureReader:
         if self.lost:
             yield f"the capturing program says that it lost {self.lost} packets"
         if self.cut:
-            kept, most = max(self.cut), self.cut.total()
+            retained, most = max(self.cut), self.cut.total()
             yield (
-                f"{most} packets are cut by the capture, which kept {kept} bytes of them at most "
-                "(tcpdump -s 0 keeps all)"
+                f"{most} packets are cut by the capture, which kept at most {retained} bytes of "
+                "them (tcpdump -s 0 keeps all)"
             )
         for path in self._late:
             yield f"{path} begins before the file before it ends: give them in the order of time"

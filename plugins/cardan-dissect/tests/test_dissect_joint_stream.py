@@ -201,9 +201,9 @@ def test_every_byte_changed_is_read_alike(data):
 
 @given(st.binary(max_size=400), st.sampled_from([0, 4, 5, 8, 24]))
 @example(b"", 0)
-def test_random_bytes_are_read_alike(data, kept):
+def test_random_bytes_are_read_alike(data, retained):
     for start in (COMMAND, STATE):
-        assert_agreed(start[:kept] + data)
+        assert_agreed(start[:retained] + data)
 
 
 def changed(**fields):

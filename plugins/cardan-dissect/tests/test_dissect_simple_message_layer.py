@@ -102,8 +102,8 @@ def test_what_is_built_is_dissected(data, chosen, order, real_bytes):
 
 @settings(max_examples=examples(300))
 @given(st.binary(max_size=200), st.sampled_from([row[0] for row in WORKED]), st.integers(0, 40))
-def test_arbitrary_bytes_never_raise(data, start, kept):
-    for raw in (data, start[:kept] + data):
+def test_arbitrary_bytes_never_raise(data, start, retained):
+    for raw in (data, start[:retained] + data):
         layer = SimpleMessage(raw)
         assert bytes(SimpleMessage(raw)) == raw
         while isinstance(layer, SimpleMessage) and raw:

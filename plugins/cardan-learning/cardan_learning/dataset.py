@@ -104,8 +104,8 @@ class _Writer:
                 length = table.num_rows
                 own = {name: list(_columns(rows[name])) for name in rows}
                 for name, found in own.items():
-                    kept = columns.setdefault(name, [[] for _ in found])
-                    for whole, more in zip(kept, found, strict=True):
+                    retained = columns.setdefault(name, [[] for _ in found])
+                    for whole, more in zip(retained, found, strict=True):
                         whole += more
                 described.append(
                     {

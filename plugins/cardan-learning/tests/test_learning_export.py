@@ -34,9 +34,9 @@ def test_it_tells_what_it_has_written(record, tmp_path, without_lerobot):
     assert info["features"]["observation.state"]["names"] == [
         *("one.pos", "two.pos", "ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz", "gripper.pos"),
     ]
-    kept = json.loads((tmp_path / "set/meta/cardan.json").read_text())
-    assert kept["model"] == ""
-    assert kept["rotation_vector_reference"] == pytest.approx([0.0, 0.0, 1.0])
+    stored = json.loads((tmp_path / "set/meta/cardan.json").read_text())
+    assert stored["model"] == ""
+    assert stored["rotation_vector_reference"] == pytest.approx([0.0, 0.0, 1.0])
 
 
 def test_gaps_are_reported_and_make_it_incomplete(tmp_path, without_lerobot):

@@ -142,7 +142,7 @@ class LibHD:
 
     def __init__(self) -> None:
         self._library = load(library_path())
-        self._kept: list[Any] = []
+        self._retained: list[Any] = []
         self.handle = INVALID_HANDLE
 
     def __getattr__(self, name: str) -> Any:
@@ -169,7 +169,7 @@ class LibHD:
             self.hdDisableDevice(self.handle)
             self.handle = INVALID_HANDLE
         assert self.simConfigure(b"") == 0
-        self._kept.clear()
+        self._retained.clear()
 
     def errors(self) -> list[int]:
         """All codes on the stack, newest first."""
@@ -197,7 +197,7 @@ class LibHD:
             return CONTINUE if code is None else code
 
         callback = CALLBACK(run)
-        self._kept.append(callback)
+        self._retained.append(callback)
         return callback
 
     def servo(self, body: Callable[[], object]) -> int:

@@ -89,21 +89,21 @@ class Library:
             "hdSetDoublev": (None, uint, doubles),
             "hdCheckCalibration": (uint,),
         }
-        self.kept: list[Any] = []
+        self.retained: list[Any] = []
         self.functions = {
             name: self.address(ctypes.CFUNCTYPE(*kind), getattr(self, name))
             for name, kind in kinds.items()
         }
         side = ctypes.CDLL(error_library())
         take = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint))(self.hdGetError)
-        self.kept.append(take)
+        self.retained.append(take)
         side.set_source(take)
         self.functions["hdGetError"] = ctypes.cast(side.get_error, ctypes.c_void_p).value or 0
         self.clock = self.address(ctypes.CFUNCTYPE(ctypes.c_double), lambda: self.now_s)
 
     def address(self, kind: Any, function: Callable[..., Any]) -> int:
         callback = kind(function)
-        self.kept.append(callback)
+        self.retained.append(callback)
         return ctypes.cast(callback, ctypes.c_void_p).value or 0
 
     def hdBeginFrame(self, device: int) -> None:  # noqa: N802

@@ -64,7 +64,7 @@ class Ledger:
         return self.limits.energy_budget_j + self.factor * self.excess_m
 
     @property
-    def kept(self) -> bool:
+    def balanced(self) -> bool:
         return max(self.given_j, self.given_late_j) <= self.bound_j + 1e-9
 
 
@@ -120,7 +120,7 @@ def live(
         at = read()
         force = np.array(bench.step(position=Vector3(*at)))
         ledger.step(at, force)
-        assert ledger.kept, k
+        assert ledger.balanced, k
         assert np.linalg.norm(force) <= bench.limits.clamp_n
     return bench, ledger
 
@@ -221,7 +221,7 @@ def test_energy_is_bounded_through_interruptions(
         at = body.move(ledger.force).copy()
         force = bench.step(silent=silent > 0, position=Vector3(*at), inkwell=docked > 0)
         ledger.step(at, np.array(force))
-        assert ledger.kept
+        assert ledger.balanced
 
 
 def test_every_engagement_has_a_budget_of_its_own() -> None:

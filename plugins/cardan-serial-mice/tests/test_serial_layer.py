@@ -131,8 +131,8 @@ def test_what_is_wrong_is_named(entry, data, reason):
     st.booleans(),
 )
 @example(SpaceOrbPacket, b"!", 1, b"", False)
-def test_random_bytes_never_raise(entry, start, kept, rest, ended):
-    data = start[:kept] + rest + b"\r" * ended
+def test_random_bytes_never_raise(entry, start, retained, rest, ended):
+    data = start[:retained] + rest + b"\r" * ended
     found = entry(data)
     if data:
         assert bytes(found) == data

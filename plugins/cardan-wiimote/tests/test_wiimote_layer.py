@@ -275,7 +275,7 @@ dots = st.builds(
 
 @given(st.lists(st.none() | dots, min_size=4, max_size=4))
 def test_camera_objects_of_the_codec(four):
-    for ir_format, block, kept in (
+    for ir_format, block, retained in (
         (codec.IrFormat.BASIC, IrBasicPair, 2),
         (codec.IrFormat.EXTENDED, IrExtended, 3),
         (codec.IrFormat.FULL, IrFull, 5),
@@ -286,7 +286,8 @@ def test_camera_objects_of_the_codec(four):
             spot for at in range(0, len(data), size) for spot in block(data[at : at + size]).spots
         ]
         assert found == [
-            None if dot is None else Spot(*dot[:kept], *(None,) * (5 - kept)) for dot in four
+            None if dot is None else Spot(*dot[:retained], *(None,) * (5 - retained))
+            for dot in four
         ]
 
 

@@ -99,14 +99,14 @@ def test_an_extension_that_does_not_answer_is_tried_again():
     bench = Bench(extension="nunchuk")
     port = bench.remote.port
     port.device = lambda address, real=port.device: None if address == 0x52 else real(address)
-    type(port).connected, kept = property(lambda self: True), type(port).connected
+    type(port).connected, retained = property(lambda self: True), type(port).connected
     try:
         bench.ready(5.0)
         assert any("does not answer" in words for words in bench.diagnosis())
         del port.device
         bench.until(lambda b: "stick_x" in b.metrics(), LOOK_AGAIN_S + 1.0)
     finally:
-        type(port).connected = kept
+        type(port).connected = retained
     assert bench.run(0.5).link is DeviceLink.LIVE
 
 

@@ -57,16 +57,16 @@ def test_levels_are_kept_and_tokens_are_nowhere(folder, level):
         assert get(port, f"/{RIGHT}?t={WRONG}") == 401
         program.wait_for("was not let in", "stderr")
         with ControlClient(socket) as client:
-            kept = client.ask("log")
+            stored = client.ask("log")
         words = Path(f"/proc/{row()['pid']}/cmdline").read_bytes().decode()
         assert program.end(signal.SIGTERM) == 0
     log = [json.loads(line) for line in program.err.splitlines()]
     denied = [each for each in log if "was not let in" in each["message"]]
     assert [(each["name"], each["level"]) for each in denied] == [("metrics", "warning")] * 2
-    assert {of for _, _, said, of in kept if "was not let in" in said} == {"warning"}
+    assert {of for _, _, said, of in stored if "was not let in" in said} == {"warning"}
     levels = {each["level"] for each in log if each.get("event") == "said"}
     assert levels == ({"debug", "info", "warning"} if level == "debug" else {"warning"})
-    everything = program.err + program.out + json.dumps(kept) + words
+    everything = program.err + program.out + json.dumps(stored) + words
     everything += json.dumps(list(read_events(folder / "events")))
     assert RIGHT not in everything
     assert WRONG not in everything

@@ -88,9 +88,9 @@ def test_what_is_kept_of_lines_is_bounded(tmp_path):
     assert len(daemon._do_log(Ask(1, "log"), Asker())) == LINES_KEPT
     for _ in range(CHARACTERS_KEPT // 4000 + 10):
         daemon._keep_line(LogLine(0.0, "one", "x" * 4000, "info"))
-    kept = daemon._do_log(Ask(1, "log"), Asker())
-    assert sum(len(text) for _, _, text, _ in kept) <= CHARACTERS_KEPT
-    assert kept[-1][2] == "x" * 4000
+    stored = daemon._do_log(Ask(1, "log"), Asker())
+    assert sum(len(text) for _, _, text, _ in stored) <= CHARACTERS_KEPT
+    assert stored[-1][2] == "x" * 4000
 
 
 def test_lines_that_come_too_fast_wait_in_no_endless_queue(tmp_path, caplog):

@@ -30,8 +30,8 @@ def test_values_of_another_kind_are_refused(ask, words):
 def test_a_verb_of_any_kind_goes_to_its_session_which_refuses_it(verb):
     daemon, program = idle_daemon()
     sent = []
-    name, kept = next(iter(daemon._services.items()))
-    kept.process.send = sent.append
+    name, service = next(iter(daemon._services.items()))
+    service.process.send = sent.append
     daemon._handle(Ask(5, "ask", name, {"id": 7, "source": "verbs", "verb": verb}), program)
     assert program.reported == []
     assert json.loads(sent[0])["verb"] == verb

@@ -273,15 +273,15 @@ class Slow(MeasuredSource):
     """Gives the same reading again and again."""
 
     def read(self, state, tcp):
-        self.kept = super().read(state, tcp) if state.wrench is not None else self.kept
-        return self.kept
+        self.retained = super().read(state, tcp) if state.wrench is not None else self.retained
+        return self.retained
 
 
 def test_a_reading_that_is_too_old_is_not_felt():
     bench = Bench(source=Slow(), max_age_s=0.1)
     bench.cycle(force=(0.0, 0.0, -10.0))
-    kept = bench.cycle(count=20)
-    assert kept.measured.stamp_s == pytest.approx(bench.now_s - 20 * PERIOD_S)
+    retained = bench.cycle(count=20)
+    assert retained.measured.stamp_s == pytest.approx(bench.now_s - 20 * PERIOD_S)
     assert bench.cycle(count=10).measured is None
     assert "older than 100 ms" in bench.renderer.diagnosis()[0]
 

@@ -284,21 +284,21 @@ def wait_until_taken(front, connection):
 def keep_many_open(target, running, count):
     """Open connections that say nothing; the last 300 stay, as far as they may."""
     front = running.server._listener
-    kept, most = deque(), 0
+    retained, most = deque(), 0
     with stays(target, running):
         clients = front.clients
         try:
             for number in range(count):
-                kept.append(opened(running))
-                if len(kept) > 300:
-                    kept.popleft().close()
+                retained.append(opened(running))
+                if len(retained) > 300:
+                    retained.popleft().close()
                 most = max(most, len(front._unknown))
                 if number % AT_ONCE == AT_ONCE - 1:
-                    wait_until_taken(front, kept[-1])
+                    wait_until_taken(front, retained[-1])
                 if number % 500 == 499:
                     assert comes_in(target, running), "in the midst of it"
         finally:
-            for each in kept:
+            for each in retained:
                 each.close()
         assert front.clients >= clients, "who was there stays"
     assert most <= web.MOST_HANDSHAKES + 1, "the newest is counted before the oldest goes"
@@ -309,9 +309,9 @@ def test_as_many_as_come_at_once_are_kept_by_the_system(running):
     (listening,) = running.server._listener._server.sockets
     with listening.dup() as same:
         info = same.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 32)
-    (kept,) = struct.unpack_from("=I", info, 28)  # Of one that listens, tcpi_sacked is this.
+    (retained,) = struct.unpack_from("=I", info, 28)  # Of one that listens, tcpi_sacked is this.
     allowed = int(Path("/proc/sys/net/core/somaxconn").read_text())
-    assert kept == min(web.BACKLOG, allowed)
+    assert retained == min(web.BACKLOG, allowed)
 
 
 @pytest.mark.real("rosbridge")

@@ -68,14 +68,14 @@ class User:
 
     def subscribe(self, topic, type_name, depth=200, qos=None):
         more = () if qos is None else (qos,)
-        kept = self.node.subscription(topic, type_name, depth, *more)
-        self._subscriptions[topic] = kept, type_name
-        return kept
+        retained = self.node.subscription(topic, type_name, depth, *more)
+        self._subscriptions[topic] = retained, type_name
+        return retained
 
     def heard(self, topic):
         """All that has come since."""
-        kept, type_name = self._subscriptions[topic]
-        return [codec_of(type_name).decode(each.data) for each in iter(kept.poll, None)]
+        retained, type_name = self._subscriptions[topic]
+        return [codec_of(type_name).decode(each.data) for each in iter(retained.poll, None)]
 
     def publish(self, topic, type_name, given=None, data=None):
         """Publish once the session listens; the number."""

@@ -28,15 +28,15 @@ class FollowLine(TrajectoryMotion):
         self,
         servo: AnyServo,
         path: LineTrajectory,
-        kept: npt.NDArray[np.bool_],
+        retained: npt.NDArray[np.bool_],
         deceleration: Deceleration,
         arrival: Arrival,
     ) -> None:
-        """`kept` (6): directions in which it has to end at its goal, x y z rx ry rz along TCP
+        """`retained` (6): directions in which it has to end at its goal, x y z rx ry rz along TCP
         axes."""
         super().__init__(servo, path.duration_s, arrival)
         self._path = path
-        self._kept = kept
+        self._retained = retained
         self._deceleration = deceleration
 
     def brake(self) -> None:
@@ -90,6 +90,6 @@ class FollowLine(TrajectoryMotion):
         """Distance and angle from a placement of the TCP to the end of the line."""
         difference = placement.actInv(to_se3(self._path.at(self._clock.time_s)[0]))
         return (
-            float(np.linalg.norm(difference.translation[self._kept[:3]])),
-            float(np.linalg.norm(pin.log3(difference.rotation)[self._kept[3:]])),
+            float(np.linalg.norm(difference.translation[self._retained[:3]])),
+            float(np.linalg.norm(pin.log3(difference.rotation)[self._retained[3:]])),
         )

@@ -74,7 +74,7 @@ def own_certificate(
     """
     folder = folder or state_folder()
     certificate, key = folder / "console-certificate.pem", folder / "console-key.pem"
-    found = _kept(certificate, key)
+    found = _stored(certificate, key)
     why = _why_another(found, names, now)
     if why:
         old = () if found is None else found.names
@@ -100,7 +100,7 @@ def _first(pem: str) -> str:
     return pem[pem.index("-----BEGIN CERTIFICATE-----") : pem.index(foot) + len(foot)]
 
 
-def _kept(certificate: Path, key: Path) -> Certificate | None:
+def _stored(certificate: Path, key: Path) -> Certificate | None:
     """The one of the last start; None: there is none that can be used."""
     try:
         if os.stat(key).st_mode & 0o077:

@@ -556,14 +556,14 @@ class PageOperator:
 
     # -- records ---------------------------------------------------------------------------------
 
-    def _kept(self) -> Records:
+    def _stored(self) -> Records:
         if self._records is None:
             raise RefusedError("this server keeps no records: it has no folder for them")
         return self._records
 
     def _ask_records(self, table: Mapping[str, Any], identity: str | int | None) -> None:
         """Say which there are; begin one, or end it."""
-        records, do = self._kept(), table.get("do")
+        records, do = self._stored(), table.get("do")
         if do == "list":
             self._tell_records(records, identity)
             return
@@ -612,7 +612,7 @@ class PageOperator:
 
     def _show(self, name: object) -> OpenRecord:
         try:
-            return OpenRecord(self._kept(), name, self._show_page, self._calm)
+            return OpenRecord(self._stored(), name, self._show_page, self._calm)
         except RecordsError as error:
             raise RefusedError(str(error)) from None
 

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers.web import Answer
-from cardan.robots.visuals import kept_visual
+from cardan.robots.visuals import stored_visual
 
 FOLDER: Final = Path(__file__).with_name("page")
 
@@ -98,7 +98,7 @@ class Site:
 
 def visual(key: str) -> Answer | None:
     """Return the answer to GET of the mesh that is kept by a key; None if there is none."""
-    data = kept_visual(key) if _KEY.fullmatch(key) else None
+    data = stored_visual(key) if _KEY.fullmatch(key) else None
     if data is None:
         return None
     return Answer("application/octet-stream", data, headers=(*SECURITY, FOR_EVER))

@@ -354,13 +354,13 @@ class SimulatedJr3:
         if not self.sensor_plugged:
             return
         self._counter = (self._counter + count) % COUNTER_MODULUS
-        kept = (1.0 - self._alpha) ** count
+        retained = (1.0 - self._alpha) ** count
         # White noise of every sample, after `count` steps of the filter.
-        passed = self._alpha * math.sqrt((1.0 - kept**2) / (1.0 - (1.0 - self._alpha) ** 2))
+        passed = self._alpha * math.sqrt((1.0 - retained**2) / (1.0 - (1.0 - self._alpha) ** 2))
         wander = self._drift_n_s * now_s
         a, b, c, d, e, f = (
-            (load + bias + (wander if index < 3 else 0.0)) * (1.0 - kept)
-            + old * kept
+            (load + bias + (wander if index < 3 else 0.0)) * (1.0 - retained)
+            + old * retained
             + (self._random.gauss(0.0, noise * passed) if noise else 0.0)
             for index, (load, bias, old, noise) in enumerate(
                 zip(self.wrench, self._bias, self._filtered, self._noise, strict=True)

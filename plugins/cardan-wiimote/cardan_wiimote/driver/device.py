@@ -73,7 +73,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
         self._core = WiimoteCore(self.options)
         self._transport = backend or _transport(self.options)
         self._remote: Link | None = None
-        self._kept: Found | None = None
+        self._remembered: Found | None = None
         """The remote opened first, until close(): another operator's remote does not replace it."""
 
     @classmethod
@@ -117,20 +117,20 @@ class Wiimote(ReadDevice[WiimoteCore]):
         Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
         """
         if not self._opened:
-            self._kept = None
+            self._remembered = None
         super().open()
 
     # -- the reader ----------------------------------------------------------------------------
 
     def _connect(self) -> None:
-        kept = self._kept
+        remembered = self._remembered
         refusals = []
         others = []
         for remote in self._transport.find():
-            if kept is None or not _is_same(remote, kept):
+            if remembered is None or not _is_same(remote, remembered):
                 if not self._is_meant(remote):
                     continue
-                if kept is not None:
+                if remembered is not None:
                     others.append(remote)
                     continue
             try:
@@ -154,15 +154,15 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 remote.kernel_driver,
                 remote.late_model,
             )
-            self._kept = remote
+            self._remembered = remote
             with self._lock:
                 self._remote = link
                 self._core.on_opened(time.monotonic(), identity)
             return
         if refusals:
             raise DeviceAccessError("; ".join(refusals))
-        if kept is not None and kept.transport != SocketTransport.name:
-            raise DeviceNotFoundError(_gone(kept, others))
+        if remembered is not None and remembered.transport != SocketTransport.name:
+            raise DeviceNotFoundError(_gone(remembered, others))
         raise DeviceNotFoundError(self._not_found())
 
     def _serve(self, stop: threading.Event) -> None:
@@ -237,15 +237,15 @@ def _caution(remote: Found) -> str:
     return f"ready, but {'; '.join(words)}" if words else ""
 
 
-def _is_same(remote: Found, kept: Found) -> bool:
+def _is_same(remote: Found, remembered: Found) -> bool:
     """By the address, as the system's path of a remote is another one when it is back."""
-    if kept.address:
-        return remote.address == kept.address
-    return remote.path == kept.path
+    if remembered.address:
+        return remote.address == remembered.address
+    return remote.path == remembered.path
 
 
-def _gone(kept: Found, others: list[Found]) -> str:
-    words = f"the remote {_label(kept)} is gone: press one of its buttons"
+def _gone(remembered: Found, others: list[Found]) -> str:
+    words = f"the remote {_label(remembered)} is gone: press one of its buttons"
     if others:
         words += (
             f"; {_label(others[0])} is there, but is another one: to use that, close the device "

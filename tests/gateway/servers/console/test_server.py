@@ -110,13 +110,13 @@ def test_a_daemons_console_lists_and_stops_what_it_runs_and_tells_no_token(monke
                         assert {each["name"] for each in rows} == {"page", "other"}
                         page.ask("cardan.daemon", id=2, do="stop", name="other")
                         assert "other is" in page.next("cardan.daemon", id=2)["result"]
-                    kept = json.dumps(client.ask("units")) + json.dumps(rows)
+                    stored = json.dumps(client.ask("units")) + json.dumps(rows)
             finally:
                 daemon.send_signal(signal.SIGINT)
-                kept += daemon.stdout.read()
+                stored += daemon.stdout.read()
                 daemon.wait(WAIT_S)
-        assert "#t=" not in kept
-        assert not any(each in kept for each in own_tokens(folder))
+        assert "#t=" not in stored
+        assert not any(each in stored for each in own_tokens(folder))
 
 
 def own_tokens(folder):
