@@ -87,7 +87,7 @@ LONGEST = (
     "tests/gateway/daemon/test_serve.py",
     "tests/gateway/session/test_remote_device.py",
     "tests/sim_peers/test_ur_public_client.py",
-    "plugins/cardan-serial-mice/tests/test_serial_judges.py",
+    "plugins/cardan-serial-mice/tests/test_serial_checks.py",
     "tests/gateway/session/test_parent_death.py",
 )
 """Files whose ``real`` tests take longest, which begin first: else the other worker waits for the

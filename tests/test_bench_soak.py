@@ -12,20 +12,20 @@ from pathlib import Path
 
 import pytest
 
-from bench.soak import faults, judge, motion_scripts, page, soak, watch
-from bench.soak.judge import (
+from bench.soak import faults, motion_scripts, page, rules, soak, watch
+from bench.soak.peers import steps_of
+from bench.soak.report import RULES, Report, Sample, markdown
+from bench.soak.rules import (
     AT_REST_S,
     RECOVERED_S,
     REPORT_S,
-    ArmJudge,
-    RecoveryJudge,
+    ArmRules,
+    RecoveryRule,
     SessionReport,
     drifts,
     problem_of,
     quantile_s,
 )
-from bench.soak.peers import steps_of
-from bench.soak.report import RULES, Report, Sample, markdown
 from bench.soak.sampling import left_behind, marked_processes, use_of
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.evdev.motion_script import SCRIPT_VERBS as PAD_VERBS
@@ -45,7 +45,7 @@ class Bench:
 
     def __init__(self):
         self.broken = []
-        self.arm = ArmJudge("arm", frozenset({"hand", "verbs"}), self.broken.append)
+        self.arm = ArmRules("arm", frozenset({"hand", "verbs"}), self.broken.append)
         self.now_s = 1000.0
         self.pid = 1
         self.authority, self.phase = "", "disarmed"
@@ -201,7 +201,7 @@ def test_a_robot_that_was_stopped_may_end_its_motion(bench):
 
 def test_what_does_not_recover_breaks_a_rule_once():
     broken = []
-    recovery = RecoveryJudge(broken.append)
+    recovery = RecoveryRule(broken.append)
     for second in range(int(RECOVERED_S) + 20):
         recovery.seen("arm", "robot lost", False, float(second))
     assert [each.rule for each in broken] == ["does not recover"]
@@ -211,7 +211,7 @@ def test_what_does_not_recover_breaks_a_rule_once():
 
 def test_what_cannot_be_well_is_excused_until_it_can():
     broken = []
-    recovery = RecoveryJudge(broken.append)
+    recovery = RecoveryRule(broken.append)
     for second in range(300):
         recovery.seen("arm", "robot lost", True, float(second))
     recovery.seen("arm", "robot lost", False, 299.0 + RECOVERED_S)
@@ -380,7 +380,7 @@ def reported(tmp_path):
     report.count("device", "mouse: episode")
     report.answered(0.02, False)
     report.answered(9.0, True)
-    report.violation(judge.Violation(begin_s, "moves unasked", "arm", "at 1 rad/s"))
+    report.violation(rules.Violation(begin_s, "moves unasked", "arm", "at 1 rad/s"))
     report.over = True
     report.write({"arm": (3, 12.0)}, [("arm", 2.0), ("arm", 4.0)])
     report.close()
@@ -405,7 +405,7 @@ def test_the_report_has_what_was_seen(reported):
 
 
 def test_every_rule_is_in_the_report():
-    source = "".join(Path(each.__file__).read_text() for each in (judge, watch, faults, soak))
+    source = "".join(Path(each.__file__).read_text() for each in (rules, watch, faults, soak))
     for rule in RULES:
         assert f'"{rule}"' in source
 

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from typing import Final
 
 from bench.soak import motion_scripts
-from bench.soak.judge import Violation
 from bench.soak.lab import ARMS, DEVICES_OF, SILENCE_NOTICED, SPEEDS_M_S, VETERAN
+from bench.soak.rules import Violation
 from bench.soak.watch import SETTLES_S, Watch
 from cardan.errors import CardanError
 

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 from bench import pages
-from bench.soak.judge import Violation
 from bench.soak.report import markdown
+from bench.soak.rules import Violation
 
 PAGE = Path(__file__).parents[2] / "docs" / "measurements.md"
 

@@ -14,8 +14,8 @@ from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from bench.soak import judge
-from bench.soak.judge import LIMITS, Drift, Violation, drifts
+from bench.soak import rules
+from bench.soak.rules import LIMITS, Drift, Violation, drifts
 
 VIOLATIONS_SHOWN: Final = 40
 
@@ -206,13 +206,13 @@ class Report:
 
 
 RULES: Final = {
-    "moves unasked": f"no arm moves more than {judge.AT_REST_S:g} s after the last one asked it to",
+    "moves unasked": f"no arm moves more than {rules.AT_REST_S:g} s after the last one asked it to",
     "moves without authority": "no arm moves without a source that has the authority, but to brake",
     "two sources": "one source at a time moves an arm",
     "unknown source": "who has the authority is one of those that asked",
     "armed by itself": "a session that comes back is disarmed until somebody acts",
-    "does not recover": f"all runs again within {judge.RECOVERED_S:g} s of a fault",
-    "the daemon answers": f"the daemon answers within {judge.ANSWER_S:g} s",
+    "does not recover": f"all runs again within {rules.RECOVERED_S:g} s of a fault",
+    "the daemon answers": f"the daemon answers within {rules.ANSWER_S:g} s",
     "reload": "a reload of a wrong file changes nothing",
     "nothing is left": "no process, socket, shared memory or temporary file is left at the end",
 }  # fmt: skip

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from bench.soak import judge
+from bench.soak import rules
 from bench.soak.clients import Clients
 from bench.soak.faults import Faults
-from bench.soak.judge import Violation
 from bench.soak.lab import DEVICES_OF
+from bench.soak.rules import Violation
 from bench.soak.sampling import left_behind
 from bench.soak.watch import Watch
 from cardan.common.signals import signal_name
@@ -104,7 +104,7 @@ class Soak:
         while True:
             rows = self.watch.ask("units")
             # Devices are live once they were touched.
-            if all(not judge.problem_of(row, False) for row in rows):
+            if all(not rules.problem_of(row, False) for row in rows):
                 return
             if time.monotonic() > give_up_s or self.stop.wait(0.2):
                 raise TimeoutError(f"not all of the lab runs: {rows}")

@@ -13,10 +13,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from bench.soak import judge, motion_scripts
-from bench.soak.judge import ArmJudge, RecoveryJudge, SessionReport, Violation
+from bench.soak import motion_scripts, rules
 from bench.soak.lab import ARMS, DEVICES_OF, MARK, SOURCES, Lab
 from bench.soak.report import Report, Sample
+from bench.soak.rules import ArmRules, RecoveryRule, SessionReport, Violation
 from bench.soak.sampling import is_marked, shared_memory, use_of
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
@@ -46,8 +46,8 @@ class Watch:
         self.lock = threading.RLock()
         self.report = Report(self.folder, seed, hours)
         self.found = self.report.violation
-        self.arms = {name: ArmJudge(name, SOURCES, self.found) for name in ARMS}
-        self.recovery = RecoveryJudge(self.found)
+        self.arms = {name: ArmRules(name, SOURCES, self.found) for name in ARMS}
+        self.recovery = RecoveryRule(self.found)
         self.lab = Lab(self.folder, token, self._measured)
         self.rows: dict[str, dict[str, Any]] = {}
         """The daemon's newest ones, by name."""
@@ -180,7 +180,7 @@ class Watch:
         while not self.stop.wait(POLL_S):
             began_s = time.monotonic()
             try:
-                client = client or ControlClient(self.lab.socket, judge.ANSWER_S)
+                client = client or ControlClient(self.lab.socket, rules.ANSWER_S)
                 rows = client.ask("units")
             except CardanError as error:
                 if client is not None:
@@ -208,7 +208,7 @@ class Watch:
             if pid and (pid, cycles) != self._cycles.get(name):
                 self._cycles[name] = pid, cycles
                 self.arms[name].on_report(SessionReport(now_s, pid, row["authority"], row["phase"]))
-        self.recovery.seen(name, judge.problem_of(row, there), bool(self._excused[name]), now_s)
+        self.recovery.seen(name, rules.problem_of(row, there), bool(self._excused[name]), now_s)
 
     def sample(self) -> None:
         while not self.stop.wait(SAMPLE_S):
@@ -249,7 +249,7 @@ class Watch:
             return math.nan, math.nan
         new = count - before[2]
         p50_s, p99_s = (
-            judge.quantile_s(before[1], within, new, BOUNDS_S, share) for share in (0.5, 0.99)
+            rules.quantile_s(before[1], within, new, BOUNDS_S, share) for share in (0.5, 0.99)
         )
         return p50_s, p99_s
 

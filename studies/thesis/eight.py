@@ -171,7 +171,7 @@ def run(drive: Drive, tracked: bool, seconds: float) -> Course:
     trace = bench.run(driving, seconds, operator)
     name = "tracked poses" if tracked else "raw poses"
     sag = trace.measured_m[0] - trace.commanded_m[0] + offset
-    return _judged(name, trace, trace.measured_m - sag, images_s, sent, len(driving.refusals))
+    return _evaluated(name, trace, trace.measured_m - sag, images_s, sent, len(driving.refusals))
 
 
 def _moving(images_s: Array, end_s: float) -> npt.NDArray[np.bool_]:
@@ -180,7 +180,7 @@ def _moving(images_s: Array, end_s: float) -> npt.NDArray[np.bool_]:
     return (images_s > ramp_s) & (images_s < min(DURATION_S - ramp_s, end_s - LONGEST_S))
 
 
-def _judged(
+def _evaluated(
     name: str, trace: Trace, output: Array, images_s: Array, sent: Array, refusals: int
 ) -> Course:
     true = course(trace.times_s)

@@ -68,8 +68,8 @@ def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[
             if outcome.exit_code != EXIT_OK:
                 return [f"the session failed: {outcome.last.error}"]
             problems += find_problems(outcome.last, paused_s=pauses.longest_s)
-            problems += _judge_program(program)
-            problems += _judge_record(recorder, path, outcome, say)
+            problems += _check_program(program)
+            problems += _check_record(recorder, path, outcome, say)
             if not problems:
                 problems += _shown_again(url, node, path, router, program.poses, say)
     return problems
@@ -100,7 +100,7 @@ def _with_program(
     return outcome, problems
 
 
-def _judge_program(program: RosbridgeProgram) -> list[str]:
+def _check_program(program: RosbridgeProgram) -> list[str]:
     problems = []
     if not program.refusals():
         problems.append("a twist without a preset was not refused: ~/result told nothing")
@@ -115,7 +115,7 @@ def _judge_program(program: RosbridgeProgram) -> list[str]:
     return problems
 
 
-def _judge_record(
+def _check_record(
     recorder: CardanSubprocess, path: Path, outcome: SessionExit, say: _Say
 ) -> list[str]:
     """Whether the record is complete, and the control core gives the same commands again."""

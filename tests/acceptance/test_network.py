@@ -59,7 +59,7 @@ class Program:
 def test_what_a_program_may_find_wrong(lack, words):
     program = Program()
     vars(program).update(lack)
-    found = network._judge_program(program)
+    found = network._check_program(program)
     assert len(found) == (words is not None)
     assert words is None or words in found[0]
 
@@ -110,7 +110,7 @@ def test_what_a_record_may_lack(monkeypatch, tmp_path, code, replayed, words):
     recorder = SimpleNamespace(code=code, lines=("9 messages dropped",), complaints="")
     outcome = SessionExit(EXIT_OK, Snapshot.of({"loop": {"cycles": 500}}))
     said = []
-    found = network._judge_record(recorder, tmp_path, outcome, said.append)
+    found = network._check_record(recorder, tmp_path, outcome, said.append)
     assert len(found) == (words is not None), found
     assert words is None or words in found[0]
     assert said[0] == "record: 9 messages dropped"

@@ -21,7 +21,7 @@ tests.process_faults --kernel LOG`` takes these lines into its tables."""
 
 _fault_rows: list[dict[str, Any]] = []
 
-_judged: list[tuple[str, str, str]] = []
+_checked: list[tuple[str, str, str]] = []
 
 
 def load_module(name: str, *parameters: str) -> None:
@@ -57,7 +57,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     marker = item.get_closest_marker("judged")
     if marker is not None and report.when == "call" and report.passed:
         words = marker.kwargs
-        _judged.append((words["device"], words["transport"], words["by"]))
+        _checked.append((words["device"], words["transport"], words["by"]))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -66,7 +66,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section("for the fault table")
         for row in _fault_rows:
             terminalreporter.line(FAULT_ROW + json.dumps(row))
-    if _judged:
+    if _checked:
         terminalreporter.section("shown against the Linux kernel")
-        for device, transport, by in dict.fromkeys(_judged):
+        for device, transport, by in dict.fromkeys(_checked):
             terminalreporter.line(f"{device:14} {transport:32} judged by {by}")

@@ -94,7 +94,7 @@ class RtdeRequest(Rtde):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
-        return _judge(_pkt, REQUESTS)[0] or RtdeRequestBroken
+        return _verdict_and_layer(_pkt, REQUESTS)[0] or RtdeRequestBroken
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
         return RtdeRequest
@@ -107,7 +107,7 @@ class RtdeReply(Rtde):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
-        return _judge(_pkt, REPLIES)[0] or RtdeReplyBroken
+        return _verdict_and_layer(_pkt, REPLIES)[0] or RtdeReplyBroken
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
         return RtdeReply
@@ -133,7 +133,7 @@ class RtdeRequestBroken(RtdeRequest):
     @property
     def reason(self) -> str:
         """Fault of the header or the length."""
-        return _judge(self.data, REQUESTS)[1]
+        return _verdict_and_layer(self.data, REQUESTS)[1]
 
 
 class RtdeReplyBroken(RtdeReply):
@@ -147,7 +147,7 @@ class RtdeReplyBroken(RtdeReply):
     @property
     def reason(self) -> str:
         """Fault of the header or the length."""
-        return _judge(self.data, REPLIES)[1]
+        return _verdict_and_layer(self.data, REPLIES)[1]
 
 
 class RtdeAskVersion(RtdeRequest):
@@ -337,7 +337,7 @@ def packet_bytes(data: bytes | bytearray) -> int | None:
     return size if size >= HEADER_BYTES else None
 
 
-def _judge(data: bytes, layers: Any) -> tuple[type[Packet] | None, str]:
+def _verdict_and_layer(data: bytes, layers: Any) -> tuple[type[Packet] | None, str]:
     """Return the layer of the packet that `data` begins with, or why there is none."""
     if not data:
         return None, "empty"

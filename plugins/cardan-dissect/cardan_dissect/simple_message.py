@@ -349,7 +349,7 @@ class SimpleMessage(Packet):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
-        return _judge(_pkt)[0] or SimpleMessageBroken
+        return _verdict_and_layer(_pkt)[0] or SimpleMessageBroken
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
         if self.fields_desc and self.getfieldval("prefix") is None:
@@ -384,7 +384,7 @@ class SimpleMessageBroken(SimpleMessage):
     @property
     def reason(self) -> str:
         """Fault of the prefix, the type or the length."""
-        return _judge(self.data)[1]
+        return _verdict_and_layer(self.data)[1]
 
 
 class Ping(SimpleMessage):
@@ -713,7 +713,7 @@ def frame_bytes(data: bytes, order: str) -> int | None:
     return PREFIX_BYTES + int(prefix)
 
 
-def _judge(data: bytes) -> tuple[type[SimpleMessage] | None, str]:
+def _verdict_and_layer(data: bytes) -> tuple[type[SimpleMessage] | None, str]:
     """Return the layer of the message `data` begins with, or why there is none."""
     if not data:
         return None, "empty"

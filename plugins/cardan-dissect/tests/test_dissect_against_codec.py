@@ -305,11 +305,11 @@ FROM_PC = [worked.S1, worked.S2, worked.S3, worked.S4, worked.C1]
 WIRE_FAULTS = (Fault.EMPTY, Fault.TRUNCATED)
 
 
-def judge_robot(data):
+def check_robot(data):
     return decode_robot(data), layers.malformed(layers.EgmRobot(data))
 
 
-def judge_from_pc(data):
+def check_from_pc(data):
     return decode_from_pc(data), layers.malformed(layers.EgmFromPc(data))
 
 
@@ -333,14 +333,14 @@ def assert_agree(verdict, reason, data):
 @pytest.mark.parametrize("data", FROM_CONTROLLER)
 def test_truncations_of_robots(data):
     for size in range(len(data)):
-        assert_agree(*judge_robot(data[:size]), data[:size])
+        assert_agree(*check_robot(data[:size]), data[:size])
 
 
 @pytest.mark.parametrize("data", FROM_PC)
 def test_truncations_for_the_controller(data):
     for size in range(len(data)):
         cut = data[:size]
-        assert_agree(*judge_from_pc(cut), cut)
+        assert_agree(*check_from_pc(cut), cut)
 
 
 @given(st.data())
@@ -350,17 +350,17 @@ def test_damaged_datagrams(data):
     for _ in range(data.draw(st.integers(1, 3))):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
     assume(not from_pc or says_which_message(bytes(damaged)))
-    judge = judge_from_pc if from_pc else judge_robot
-    assert_agree(*judge(bytes(damaged)), bytes(damaged))
+    check = check_from_pc if from_pc else check_robot
+    assert_agree(*check(bytes(damaged)), bytes(damaged))
 
 
 @given(st.binary(max_size=60))
 @example(PACKED)
 def test_random_bytes(data):
-    assert_agree(*judge_robot(data), data)
+    assert_agree(*check_robot(data), data)
     data = bytes(layers.EgmSensor(header=layers.EgmHeader(mtype=layers.CORRECTION))) + data
     if says_which_message(data):
-        assert_agree(*judge_from_pc(data), data)
+        assert_agree(*check_from_pc(data), data)
 
 
 def test_unknown_fields_and_packed_values_are_read_alike():

@@ -183,7 +183,7 @@ class ProximityFilter(TwistFilter):
     def _crowded(self) -> bool:
         return not self._is_old(self._crowded_s)
 
-    def _judge(self) -> None:
+    def _check(self) -> None:
         """Find the level and the silence of all senders at this time."""
         self._level, self._level_s = 0.0, NEVER_S
         self._silent, self._silent_s = not self._senders, math.inf
@@ -209,7 +209,7 @@ class ProximityFilter(TwistFilter):
         for sender, each in tuple(self._senders.items()):
             if self._now_s - each.level_s > FORGET_AFTER_S:
                 del self._senders[sender]
-        self._judge()
+        self._check()
 
     def _factor(self) -> float:
         """The share of the operator's speed that is left."""
@@ -226,7 +226,7 @@ class ProximityFilter(TwistFilter):
         """`twist`, half of it, or none of it."""
         self._now_s = robot.stamp_s
         self.listener.drain(robot.stamp_s)
-        self._judge()
+        self._check()
         self._rest(twist)
         factor = self._factor()
         if factor == 1.0:

@@ -449,11 +449,11 @@ def judge(command, last, rates, dt_s):
         for value, most in zip(command.torques, LIMITS.joint_effort, strict=True):
             assert abs(value) <= SLACK * most
     else:
-        judge_pose(command, last, dt_s)
+        check_pose(command, last, dt_s)
     return None
 
 
-def judge_pose(command, last, dt_s):
+def check_pose(command, last, dt_s):
     pose, twist = command.pose, command.twist
     fastest = SLACK * LIMITS.linear_speed_m_s + NOISE_M_S
     fastest_rad_s = SLACK * LIMITS.angular_speed_rad_s + NOISE_RAD_S

@@ -149,7 +149,7 @@ class OmniCore(DeviceCore):
         self._heard = True
         self._cached = None
         self._stamp_s = snapshot.stamp_s
-        self._judge_rate(snapshot, now_s)
+        self._check_rate(snapshot, now_s)
         if self.calibration.on_answer(snapshot.calibration, now_s):
             self._update_due = True
         before, self._levels = self._levels, snapshot.buttons
@@ -345,7 +345,7 @@ class OmniCore(DeviceCore):
             else:
                 self._invalidate_input(link, reason, now_s)
 
-    def _judge_rate(self, snapshot: HapticState, now_s: float) -> None:
+    def _check_rate(self, snapshot: HapticState, now_s: float) -> None:
         if snapshot.rate_hz >= self._options.lowest_rate_hz:
             self._slow_since_s = None
             self._fast = self._fast or snapshot.ticks - self._first_tick >= RATE_KNOWN_AFTER

@@ -73,13 +73,13 @@ def judge(model, script, root):
     """Return spacenavd's events of a device of `model`, and its log."""
     for attempt in range(ATTEMPTS):
         folder = root / f"{model}-{attempt}"
-        events, log = judge_once(model, script, folder)
+        events, log = check_once(model, script, folder)
         if MODELS[model] in log:
             break
     return events, log
 
 
-def judge_once(model, script, folder):
+def check_once(model, script, folder):
     (folder / "run").mkdir(parents=True)
     port = folder / "port"
     (folder / "conf").write_text(f"serial = {port}\nled = off\n")

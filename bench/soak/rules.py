@@ -58,7 +58,7 @@ class SessionReport(NamedTuple):
     phase: str
 
 
-class ArmJudge:
+class ArmRules:
     """The rules of one arm."""
 
     def __init__(self, name: str, sources: frozenset[str], found: Found) -> None:
@@ -189,7 +189,7 @@ class ArmJudge:
         self._broken.discard(rule)
 
 
-class RecoveryJudge:
+class RecoveryRule:
     """Checks that every session and server recovers within RECOVERED_S after a fault."""
 
     def __init__(self, found: Found) -> None:
