@@ -24,7 +24,7 @@ from studies.cartesian.sessions import (
     quantile,
 )
 from tests.console.browser import Tab, chromium, find_chromium
-from tests.console.hand import FINGER, RELOADED, STATE, enable, jog
+from tests.console.page_input import FINGER, RELOADED, STATE, enable, jog
 
 AIMS_S = (0.015, 0.040)
 """Median, and p99."""

@@ -100,7 +100,7 @@ const WORDS = {
   move: ["Move", "Mover"],
   goal: ["Goal", "Meta"],
   plots: ["Plots", "Gráficas"],
-  hand: ["Hand", "Mano"],
+  device: ["Device", "Dispositivo"],
   setup: ["Set-up", "Ajustes"],
   jog: ["Jog", "Desplazar"],
   axes: ["Axes", "Ejes"],

@@ -7,7 +7,7 @@ import { deviceWay, quality } from "./latency.ts";
 import { Link } from "./link.ts";
 import { Motion } from "./motion.ts";
 import { GoalPanel, shown as inWords } from "./panels/goal.ts";
-import { HandPanel } from "./panels/hand.ts";
+import { DevicePanel } from "./panels/device.ts";
 import { JogPanel } from "./panels/jog.ts";
 import { PlotsPanel } from "./panels/plots.ts";
 import { RecordsCard, replayBar } from "./panels/records.ts";
@@ -141,7 +141,7 @@ const replay = new Replay(link);
 const records = new RecordsCard(link, replay);
 const plots = new PlotsPanel(link, records.element);
 const sensors = new SensorsPanel(link, address.href, settings, keep);
-const hand = new HandPanel(link, settings, keep);
+const device = new DevicePanel(link, settings, keep);
 const setup = new SetupPanel(link, settings, keep, (part, on) => scene?.show(part, on));
 
 const TABS: [Word, HTMLElement][] = [
@@ -149,7 +149,7 @@ const TABS: [Word, HTMLElement][] = [
   ["goal", goalPanel.element],
   ["plots", plots.element],
   ["sensors", sensors.element],
-  ["hand", hand.element],
+  ["device", device.element],
   ["setup", setup.element],
 ];
 const tabList = h("div", { class: "tabs", role: "tablist" });
@@ -295,7 +295,7 @@ function choose(name: string): void {
   };
   chosen.onStop = (by) => {
     motion.stopped(by);
-    hand.halt();
+    device.halt();
   };
   chosen.onState = () => {
     if (replay.open) return;
@@ -339,13 +339,13 @@ setInterval(() => void look(), LOOK_MS);
 replay.onArm = () => {
   const { open, arm: recorded } = replay;
   document.body.toggleAttribute("data-replay", open);
-  for (const panel of [jog, goalPanel, hand, setup]) panel.element.inert = open;
+  for (const panel of [jog, goalPanel, device, setup]) panel.element.inert = open;
   if (!open) {
     if (arm) choose(arm.name);
     return;
   }
   motion.disarm();
-  hand.stop();
+  device.stop();
   if (!recorded) return;
   let loaded = false;
   recorded.onDescription = () => {
@@ -392,7 +392,7 @@ let stopShown: ReturnType<typeof setTimeout> | undefined;
 
 async function stop(): Promise<void> {
   motion.stopped("");
-  hand.halt();
+  device.halt();
   stopLabel.textContent = t("stopping");
   stopButton.classList.remove("failed");
   try {
@@ -461,7 +461,7 @@ function refresh(): void {
   enableButton.disabled = replay.open || !arm || link.state !== "live" || link.hello?.role === "viewer";
 
   showReadout();
-  for (const panel of [jog, goalPanel, sensors, hand, setup]) {
+  for (const panel of [jog, goalPanel, sensors, device, setup]) {
     if (!panel.element.hidden) panel.refresh();
   }
 }

@@ -171,7 +171,7 @@ class Person:
     def _look_around(self, tab: Tab) -> None:
         """Pictures of the other parts, and of the page on a phone."""
         tab.click(".enable")
-        for word in ("plots", "hand", "setup"):
+        for word in ("plots", "device", "setup"):
             tab.click(f"#tab-{word}")
             self._photograph(tab, word)
         tab.click("#tab-move")

@@ -9,7 +9,7 @@ from cardan.gateway.servers.console.site import FOLDER
 from tests.acceptance.console import Person, use_console
 from tests.console.browser import find_chromium
 
-PICTURES = {"goal", "hand", "move", "phone", "plots", "setup"}
+PICTURES = {"goal", "device", "move", "phone", "plots", "setup"}
 SHOWN = "At rest. Enable motion to move it."
 
 

@@ -42,7 +42,7 @@ def bench(built, browser, tmp_path_factory):
 @pytest.fixture
 def page(bench, browser):
     """A page of its own for a test, which shows the arm."""
-    from tests.console.hand import RELOADED
+    from tests.console.page_input import RELOADED
 
     with browser.open(bench.address) as page:
         page.until(RELOADED)

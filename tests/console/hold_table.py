@@ -20,7 +20,17 @@ from typing import NamedTuple
 
 from cardan.gateway.servers.console.hold_to_run import FRESH_S
 from tests.console.browser import Browser, Tab, chromium, find_chromium
-from tests.console.hand import FINGER, KEY, MOUSE, RELOADED, Hand, Place, hold, jog, keeps
+from tests.console.page_input import (
+    FINGER,
+    KEY,
+    MOUSE,
+    RELOADED,
+    PageInput,
+    Place,
+    hold,
+    jog,
+    keeps,
+)
 from tests.console.proxy import Proxy, network_to
 from tests.console.robot_and_server import (
     RobotAndSession,
@@ -81,7 +91,7 @@ class End(NamedTuple):
     """A way in which a hold ends."""
 
     act: Callable[[Held], None]
-    hand: Hand = MOUSE
+    page_input: PageInput = MOUSE
     lives: bool = True
     """Whether the page is there afterwards."""
     tested: bool = True
@@ -368,7 +378,7 @@ def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
     until(lambda: not tcp.moving, "rest")
     began_s = time.monotonic()
     sign = 1 if tcp.here[0] < 0.5 else -1
-    at = hold(page, end.hand, jog("X", sign), lambda: _runs(bench, began_s))
+    at = hold(page, end.page_input, jog("X", sign), lambda: _runs(bench, began_s))
     if end.logged or end.unheard:
         page.value("logged_events.length = 0")
     at_s = time.monotonic()
@@ -387,7 +397,7 @@ def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
     # Nothing of the page thinks that it holds on, while the pointer may still be down.
     page.until("document.querySelectorAll('.held').length === 0")
     with contextlib.suppress(RuntimeError):  # There is no finger any more.
-        end.hand.let_go(page, at)
+        end.page_input.let_go(page, at)
     return found
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tests.console.browser import Browser, Tab, chromium, find_chromium
-from tests.console.hand import RELOADED, keeps
+from tests.console.page_input import RELOADED, keeps
 from tests.console.robot_and_server import ServerProcess, console_server
 from tests.serving import ARM_SESSION, free_endpoint
 
@@ -36,7 +36,7 @@ class Screen(NamedTuple):
 
 SCREENS = {
     "console-small-move": Screen(360, 740, "move"),
-    "console-small-hand": Screen(360, 740, "hand", "es", "dark"),
+    "console-small-device": Screen(360, 740, "device", "es", "dark"),
     "console-large-move": Screen(1920, 1080, "move"),
 }
 

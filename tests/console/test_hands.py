@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.console.hand import RELOADED
+from tests.console.page_input import RELOADED
 from tests.console.page_sessions import hands
 from tests.npm import installed
 
@@ -56,11 +56,11 @@ def turn_slowly(page, began, ended):
         time.sleep(0.05)
 
 
-CLUTCH = "#panel-hand section:nth-child(1) .clutch"
-START = "#panel-hand section:nth-child(1) .row button:nth-child(1)"
-ALIGN = "#panel-hand section:nth-child(1) .row button:nth-child(2)"
+CLUTCH = "#panel-device section:nth-child(1) .clutch"
+START = "#panel-device section:nth-child(1) .row button:nth-child(1)"
+ALIGN = "#panel-device section:nth-child(1) .row button:nth-child(2)"
 NO_SENSOR = "This device gives no orientation"
-NOTE = "document.querySelector('#panel-hand section:nth-child(1) p').textContent"
+NOTE = "document.querySelector('#panel-device section:nth-child(1) p').textContent"
 
 
 def held_until(session, wanted, press, let_go, act, before):
@@ -96,7 +96,7 @@ class Phone:
         self.page, self.session = page, session
         page.ask("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=5)
         page.until(RELOADED)
-        page.click("#tab-hand")
+        page.click("#tab-device")
 
     def start(self):
         """Begin, and align."""
@@ -282,8 +282,8 @@ class Headset:
     def __init__(self, page, lab):
         self.page, self.lab = page, lab
         page.until(RELOADED)
-        page.click("#tab-hand")
-        start = "#panel-hand section:nth-child(3) .row button"
+        page.click("#tab-device")
+        start = "#panel-device section:nth-child(3) .row button"
         page.until(f"!document.querySelector('{start}').disabled")
         for side in ("left", "right"):
             self.place(side)

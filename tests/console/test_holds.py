@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.console.hand import FINGER, MOUSE, RELOADED, STATE, WHY, enable, hold, jog, keeps
 from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
+from tests.console.page_input import FINGER, MOUSE, RELOADED, STATE, WHY, enable, hold, jog, keeps
 from tests.console.robot_and_server import console_server
 from tests.waiting import until
 

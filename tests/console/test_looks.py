@@ -10,14 +10,14 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.console.hand import RELOADED, enable, keeps
+from tests.console.page_input import RELOADED, enable, keeps
 from tests.console.pictures import still_arm
 
 pytestmark = pytest.mark.matrix
 
 SCREENS = [(390, 844), (700, 900), (820, 1180), (1440, 900)]
 PHONE = SCREENS[0]
-TABS = ("move", "goal", "plots", "sensors", "hand", "setup")
+TABS = ("move", "goal", "plots", "sensors", "device", "setup")
 
 SEEN = "(e => e.checkVisibility() && e.getBoundingClientRect().width > 0)"
 

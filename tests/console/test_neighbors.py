@@ -19,7 +19,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.robots import load_arm
 from tests.console.browser import WAIT_S
-from tests.console.hand import RELOADED
+from tests.console.page_input import RELOADED
 from tests.console.served_arm import served_arm
 
 pytestmark = pytest.mark.matrix  # A browser that draws by software.

@@ -13,7 +13,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 from cardan.errors import DriverError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import DUMMY_MEMBER
-from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
+from tests.console.page_input import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import ARM, motion_of, served_arm, stops
 from tests.gateway.servers.bench import WAIT_S
 

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.console.hand import RELOADED
+from tests.console.page_input import RELOADED
 
 pytestmark = pytest.mark.matrix
 
@@ -30,7 +30,7 @@ def test_nothing_is_wider_than_the_screen_and_stop_is_in_it(bench, browser, size
         page.until(RELOADED)
         width, height = size
         assert page.value("document.documentElement.scrollWidth") <= width
-        for tab in ("move", "goal", "plots", "sensors", "hand", "setup"):
+        for tab in ("move", "goal", "plots", "sensors", "device", "setup"):
             page.click(f"#tab-{tab}")
             assert not page.value(
                 "(p => p.scrollWidth - p.clientWidth)(document.querySelector('.panels'))"

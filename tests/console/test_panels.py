@@ -12,7 +12,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.protocols.ros2.cdr import codec_of
-from tests.console.hand import RELOADED
+from tests.console.page_input import RELOADED
 from tests.console.served_arm import served_arm
 from tests.gateway.servers.bench import served
 from tests.gateway.servers.console.test_cameras import camera

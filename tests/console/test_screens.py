@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.console.hand import RELOADED, keeps
+from tests.console.page_input import RELOADED, keeps
 from tests.console.pictures import FOLDER, SCREENS, masks, means, shown, still_arm
 from tests.npm import installed
 
@@ -20,7 +20,7 @@ OTHER = 24.0
 MOST_OTHER = 0.04
 """Share of the blocks that may be: fonts and rounding of another system."""
 
-TABS = ("move", "goal", "plots", "hand", "setup")
+TABS = ("move", "goal", "plots", "device", "setup")
 
 
 @pytest.fixture(scope="module")

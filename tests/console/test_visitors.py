@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 
 from cardan.gateway.servers.console.certificate import own_certificate
 from tests.console.browser import REBOUND, WAIT_S
-from tests.console.hand import MOUSE, RELOADED, STATE, WHY, hold, jog
+from tests.console.page_input import MOUSE, RELOADED, STATE, WHY, hold, jog
 from tests.console.robot_and_server import ARM, console_server
 from tests.serving import free_tcp_port
 from tests.waiting import until

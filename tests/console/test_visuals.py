@@ -10,7 +10,7 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
 from cardan.robots import load_arm
-from tests.console.hand import RELOADED
+from tests.console.page_input import RELOADED
 from tests.console.served_arm import served_arm
 
 pytestmark = pytest.mark.matrix  # A browser that draws by software.

@@ -17,7 +17,7 @@ const ROUND_MS = [1, 2, 5, 10, 20, 50, 100, 200, 300];
 const SAMPLE_MS = 50;
 const DRAW_MS = 100;
 
-/** Channels of a page's frames, as motion.ts and panels/hand.ts number them. */
+/** Channels of a page's frames, as motion.ts and panels/device.ts number them. */
 const CHANNELS = ["jog", "phone", "pad", "XR left", "XR right", "XR"];
 
 /** What is drawn over time; `link`: null while a record is shown, which has no connection. */

@@ -41,7 +41,7 @@ def enable(page: Tab) -> None:
         assert time.monotonic() < end_s, page.value(WHY)
 
 
-class Hand(NamedTuple):
+class PageInput(NamedTuple):
     """A way to hold a button, and to release it."""
 
     press: Callable[[Tab, str], Place]
@@ -67,21 +67,21 @@ def _press_key(page: Tab, selector: str) -> Place:
     return 0.0, 0.0
 
 
-MOUSE = Hand(_press_mouse, lambda page, at: page.mouse("mouseReleased", at))
-FINGER = Hand(_press_touch, lambda page, at: page.touch("touchEnd"))
-KEY = Hand(_press_key, lambda page, at: page.key("keyUp", " ", "Space"))
+MOUSE = PageInput(_press_mouse, lambda page, at: page.mouse("mouseReleased", at))
+FINGER = PageInput(_press_touch, lambda page, at: page.touch("touchEnd"))
+KEY = PageInput(_press_key, lambda page, at: page.key("keyUp", " ", "Space"))
 
 
-def hold(page: Tab, hand: Hand, selector: str, moves: Callable[[], bool]) -> Place:
+def hold(page: Tab, page_input: PageInput, selector: str, moves: Callable[[], bool]) -> Place:
     """Hold a button until the arm moves; where the pointer is. A browser on a busy computer stands
     still now and then, which rightly ends the hold: then it is begun anew."""
     end_s = time.monotonic() + WAIT_S
     while True:
         enable(page)
-        at = hand.press(page, selector)
+        at = page_input.press(page, selector)
         while page.value(STATE) == "held":
             if moves():
                 return at
             time.sleep(0.01)
-        hand.let_go(page, at)
+        page_input.let_go(page, at)
         assert time.monotonic() < end_s, page.value(WHY)

@@ -15,7 +15,7 @@ const CHANNELS = { phone: 2, pad: 3, left: 4, right: 5, viewer: 6 } as const;
 const DRAG_SHARE = 1 / 3;
 
 /** This device as an operator device: phone, gamepad, headset. */
-export class HandPanel {
+export class DevicePanel {
   readonly element: HTMLElement;
   private readonly link: Link;
   private readonly settings: Settings;
