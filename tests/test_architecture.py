@@ -5,9 +5,11 @@ import fnmatch
 import functools
 import graphlib
 import importlib
+import io
 import re
 import subprocess
 import sys
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -163,8 +165,16 @@ GONE_WORDS = (
     "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
-GONE_ARGUMENTS = {"seen", "judge", "act", "acts", "rig"}
+GONE_ARGUMENTS = {"seen", "judge", "act", "acts"}
 """Names of arguments and functions in suites, likewise; elsewhere they have another meaning."""
+GONE_EVERYWHERE = re.compile(r"_?(?:\w+_)?(?:rigs?|told)|_?kept|\w*Rig|_?Told|_?Kept|_?judge_\w+")
+"""Identifiers and names of modules, likewise, in all Python of the tree."""
+MEANT_OTHERWISE = {
+    ("tests/sweep/operators.py", "judge_node"): "another implementation, which judges ours",
+    ("tests/fastdds/__init__.py", "judge_node"): "the same",
+    ("tests/judge_node.py", "judge_node"): "the same",
+}
+"""Exceptions from these: file, name and why."""
 FREE_OF_CIRCLES = (
     "bus", "common", "conform", "demos", "doctor", "drivers", "gateway", "own_arm",
     "protocols", "recording", "sim_peers",
@@ -545,6 +555,24 @@ def test_names_that_only_we_knew_do_not_come_back():
         if found
     ]
     assert strange == []
+
+
+def test_no_part_of_the_tree_has_names_of_its_own():
+    found = {
+        (str(path.relative_to(SOURCE_TREE)), name)
+        for path, text in [*own_sources(), (Path(__file__), Path(__file__).read_text("utf-8"))]
+        if re.search(rf"\b(?:{GONE_EVERYWHERE.pattern})\b", f"{path.stem} {text}")
+        for name in (path.stem, *identifiers(text))
+        if GONE_EVERYWHERE.fullmatch(name)
+    }
+    assert found == MEANT_OTHERWISE.keys()
+
+
+def identifiers(text):
+    """Yield all names in a module's source, which keywords are, too."""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.NAME:
+            yield token.string
 
 
 def test_arguments_of_suites_have_names_of_the_field():
