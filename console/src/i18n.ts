@@ -100,7 +100,7 @@ const WORDS = {
   move: ["Move", "Mover"],
   goal: ["Goal", "Meta"],
   plots: ["Plots", "Gráficas"],
-  device: ["Device", "Dispositivo"],
+  device: ["Device", "Mando"],
   setup: ["Set-up", "Ajustes"],
   jog: ["Jog", "Desplazar"],
   axes: ["Axes", "Ejes"],
