@@ -89,7 +89,7 @@ def test_the_tables_have_the_names_of_the_wrapper_and_of_the_paper():
 def test_the_state_is_published_in_the_frame_of_the_transformation():
     bench = Bench()
     bench.device.pose = Pose(Vector3(0.02, 0.01, 0.0), IDENTITY)
-    bench.device.reported = bench.device.reported._replace(force=Vector3(0.5, 0.0, 0.0))
+    bench.device.haptic_state = bench.device.haptic_state._replace(force=Vector3(0.5, 0.0, 0.0))
     bench.device.buttons = frozenset({"button_2"})
     bench.haptic.set_transformation(Pose(Vector3(10.0, 20.0, 30.0), QUARTER))
     bench.run(0.2)
