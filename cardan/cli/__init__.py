@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -124,9 +125,19 @@ def _run() -> int:
                 print(text)
             return EXIT_USAGE
         words = " ".join(message().split()).removesuffix(".")
+        if (near := _near(words, context)) and "Did you mean" not in words:
+            words += f". Did you mean {near}?"
         command = context.command_path if context is not None else "cardan"
-        print_problem(f"{words}; `{command} --help` says what there is")
+        words += " " if words.endswith("?") else "; "
+        print_problem(f"{words}`{command} --help` says what there is")
         return EXIT_USAGE
+
+
+def _near(words: str, context: typer.Context | None) -> str:
+    """Commands of the group that have the missing name in theirs; empty: none."""
+    typed = re.match("No such command '(.+)'", words)
+    names = getattr(getattr(context, "command", None), "commands", {})
+    return " or ".join(repr(name) for name in names if typed and typed[1] in name)
 
 
 def _fail(error: CardanError, code: int) -> int:
