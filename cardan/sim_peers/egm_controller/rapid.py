@@ -77,7 +77,7 @@ class RapidTask:
 
     @property
     def guidance(self) -> GuidedMotion | None:
-        """Guidance in the active run."""
+        """Guided motion of the active run."""
         return None if self.egm.run is None else self.egm.run.guidance
 
     # ------------------------------------------------------------------------------------
