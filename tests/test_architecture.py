@@ -623,7 +623,7 @@ HUMAN_HANDS = {
     "cardan/gateway/force": "__init__.py conditioning.py crossfade.py figures.py fixtures.py "
     "input.py link.py network.py passive.py rendering.py snapshot.py sources.py stability.py "
     "tables.py watchdog.py",
-    "cardan/gateway/session": "config.py force_assembly.py terminal_view.py",
+    "cardan/gateway/session": "force_assembly.py terminal_view.py",
     "cardan/robots": "amor.toml",
     "docs": "adding-a-driver.md configuration.md evaluation.md force-feedback.md phone.md "
     "remote.md ros2.md stability.md tutorials/force.md",

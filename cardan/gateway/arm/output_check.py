@@ -1,7 +1,7 @@
 """The last check in front of every robot driver: commands beyond a limit are not sent.
 
 Limits are met by construction before this. This check is for unforeseen faults: an overflow, a
-mistake of ours, a filter or a plugin that computes nonsense.
+programming error, a filter or a plugin with wrong results.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ NOISE_M_S, NOISE_RAD_S = 1e-3, 5e-3
 """Speeds and changes of speed that are rounding, whatever the limits are."""
 
 STILL = 1e-6
-"""Largest motion, m or rad, in which no time passes: rounding."""
+"""Largest motion, m or rad, accepted while no time passes: rounding."""
 
 END_RAD, ROUNDING_RAD = 1e-3, 1e-9
-"""How far a joint may be beyond its range, and how far it may move where it is farther."""
+"""Largest distance of a joint beyond its range, and largest further motion of a joint that is
+farther out."""
 
 UNEVEN = 1.25
-"""Most time between two joint speeds, as a factor on the longer of their periods: each is the mean
-over a period, which the servo takes in steps of equal length."""
+"""Largest time between two joint speeds, as a factor on the longer of their periods: each is the
+mean over a period, which the servo divides into steps of equal length."""
 
 
 class OutputLimits(NamedTuple):
@@ -79,13 +80,13 @@ class OutputCheck:
                 strict=True,
             )
         ]
-        """Speed, acceleration and range of each joint; empty where they are not known."""
+        """Speed, acceleration and range of each joint; empty if they are not known."""
         self._unknown = [math.nan] * count
-        """Speeds that no other is too far from."""
+        """Speeds without a predecessor: no change from them is too large."""
         self._speeds = self._unknown
         """Speeds of the joints, from the last two commands."""
         self._dt_s = 0.0
-        """The period that those speeds are means over."""
+        """Period over which those speeds are means."""
         self._linear = (
             SLACK * limits.linear_speed_m_s + NOISE_M_S,
             SLACK * limits.linear_acceleration_m_s2,
@@ -96,11 +97,12 @@ class OutputCheck:
         )
 
     def reset(self) -> None:
-        """Forget the last command (the robot moved without it): the next need only be finite."""
+        """Forget the last command, because the robot moved without it: the next need only be
+        finite."""
         self._last, self._speeds = None, self._unknown
 
     def violation(self, command: RobotCommand, dt_s: float) -> str:
-        """Why `command`, for a period of `dt_s`, must not be sent; empty when it may."""
+        """Return why `command`, for a period of `dt_s`, must not be sent; empty when it may."""
         last, dt_s = self._last, max(0.0, dt_s)
         if type(command) is JointCommand:
             wrong = self._joints(command, last, dt_s)
@@ -227,7 +229,8 @@ class OutputCheck:
 
 
 def _angle(a: Quaternion, b: Quaternion) -> float:
-    """Between two orientations of length 1, rad: by their chord, which is exact for small ones."""
+    """Return the angle between two unit quaternions, rad, by their chord, which is exact for small
+    ones."""
     chord = math.dist(a, b)
     if chord > 1.0:
         chord = min(chord, math.dist(a, [-component for component in b]))

@@ -32,7 +32,7 @@ class FollowLine(TrajectoryMotion):
         deceleration: Deceleration,
         arrival: Arrival,
     ) -> None:
-        """`kept` (6): directions in which it has to end at its goal, x y z rx ry rz along TCP
+        """`kept` (6): directions in which the TCP must end at its goal, x y z rx ry rz along TCP
         axes."""
         super().__init__(servo, path.duration_s, arrival)
         self._path = path
