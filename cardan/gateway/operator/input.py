@@ -38,6 +38,9 @@ CLUTCH_WITHIN_S = 0.5
 
 NO_RATES: Mapping[str, float] = {}
 
+_new = tuple.__new__
+"""Makes a named tuple in half the time of its constructor, for those of every cycle."""
+
 
 class ArmView(NamedTuple):
     """The state of the arm that a request depends on."""
@@ -187,17 +190,20 @@ class OperatorInput:
         if armed:
             claims = held and (self._holds or self._deflected(device))
             arming = Arming.CLAIMING if claims else Arming.ARMED
-        return MotionRequest(
-            arming,
-            armed and not view.arming.armed,
-            requested,
-            following,
-            twist,
-            rates,
-            twist.linear != ZERO3 or twist.angular != ZERO3 or any(rates.values()),
-            bool(events) and any(event.pressed for event in events),
-            fault,
-            filter_fault,
+        return _new(
+            MotionRequest,
+            (
+                arming,
+                armed and not view.arming.armed,
+                requested,
+                following,
+                twist,
+                rates,
+                twist.linear != ZERO3 or twist.angular != ZERO3 or any(rates.values()),
+                bool(events) and any(event.pressed for event in events),
+                fault,
+                filter_fault,
+            ),
         )
 
     def disarm(self) -> None:
