@@ -63,6 +63,9 @@ APPROACH_SPEED_M_S, APPROACH_SPEED_RAD_S = 0.05, 0.3
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor, for those of every cycle."""
 
+_BASE, _POSE = Frame.BASE, CommandKind.POSE
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
+
 
 def equal_steps(dt_s: float, longest_s: float) -> list[float]:
     """`dt_s` in equal steps of at most `longest_s`; none where no time has passed."""
@@ -295,7 +298,7 @@ class TaskSpaceArm(CommandedArm):
         reference.move(reference.linear, reference.angular, dt_s)
         assert reference.pose is not None
         self._pose = reference.pose
-        self._twist = _new(Twist, (reference.linear, reference.angular, Frame.BASE))
+        self._twist = _new(Twist, (reference.linear, reference.angular, _BASE))
         return 1.0
 
     def brake(self, dt_s: float) -> None:
@@ -332,7 +335,7 @@ class TaskSpaceArm(CommandedArm):
     def command(
         self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
     ) -> RobotCommand:
-        return _new(PoseCommand, (self._pose, self._twist, (), CommandKind.POSE))
+        return _new(PoseCommand, (self._pose, self._twist, (), _POSE))
 
 
 def _along(velocity: Vector3, commanded: Vector3) -> Vector3:

@@ -38,6 +38,9 @@ CLUTCH_WITHIN_S = 0.5
 
 NO_RATES: Mapping[str, float] = {}
 
+_ARMED, _CLAIMING, _LIVE = Arming.ARMED, Arming.CLAIMING, DeviceLink.LIVE
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
+
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor, for those of every cycle."""
 
@@ -189,7 +192,7 @@ class OperatorInput:
             rates = self.mapping.joint_rates(device.axes)
         if armed:
             claims = held and (self._holds or self._deflected(device))
-            arming = Arming.CLAIMING if claims else Arming.ARMED
+            arming = _CLAIMING if claims else _ARMED
         return _new(
             MotionRequest,
             (
@@ -272,7 +275,7 @@ class OperatorInput:
 
     def _fault(self, device: DeviceState, now_s: float, held: bool) -> str:
         """Why this device must not drive any longer; `held`: its dead-man."""
-        if device.link is not DeviceLink.LIVE:
+        if device.link is not _LIVE:
             return _why_not_live(device)
         position = self._position
         # Their sum first: one call for all that are numbers.
@@ -300,7 +303,7 @@ class OperatorInput:
 
     def _unusable(self, device: DeviceState, now_s: float) -> bool:
         """Whether nothing that the device reports can re-arm it."""
-        return device.link is not DeviceLink.LIVE or (
+        return device.link is not _LIVE or (
             self._position is None and bool(self._fault(device, now_s, False))
         )
 
