@@ -70,8 +70,9 @@ class UrMotion:
 
     def command(
         self, command: RobotCommand, time_s: float, period_s: float, scale: float
-    ) -> list[Any] | None:
-        """The registers' values that answer the state of `time_s`; None: it has been answered.
+    ) -> list[Any] | bytes | None:
+        """The registers' values that answer the state of `time_s`, or the whole data package of
+        them; None: it has been answered.
 
         The controller's time passes `scale` times as fast as real time, above 0.
         """
@@ -92,7 +93,14 @@ class UrMotion:
             asked, self._asked = self._asked, (positions, speeds)
             if self._lost.working:
                 positions, speeds = self._lost.follow(asked, positions, speeds, period_s)
-            if speeds is not None and scale != 1.0:
+            if scale == 1.0:
+                if self._answer is not None:
+                    beat = (self.beat + 1) % _BEATS
+                    package = self._answer(JointCommand(positions, speeds), period_s, beat)
+                    if package is not None:
+                        self.beat = beat
+                        return package
+            elif speeds is not None:
                 speeds = tuple([v / scale for v in speeds])
             self._limiter.track(positions, speeds, period_s * scale)
         else:
