@@ -1,10 +1,10 @@
 """Compiled cycle of the UR driver: one call to take a state, one to answer it.
 
 Taking is :mod:`cardan.drivers.ur_rtde.feed` and what the session looks for in a state of usual
-motion. Answering is the command's range, the limiter and the data package, as of
-:mod:`cardan.drivers.ur_rtde.motion`. These do the same to the last bit; what is rare goes their
-way, and everything does where nothing was compiled. Clock and limiter stay Python's objects, which
-both languages go on with.
+motion. Answering is the command's range, what missed cycles have left, the limiter and the data
+package, as of :mod:`cardan.drivers.ur_rtde.motion`. These do the same to the last bit; what is rare
+goes their way, and everything does where nothing was compiled. Clock and limiter stay Python's
+objects, which both languages go on with.
 """
 
 from __future__ import annotations
@@ -24,14 +24,24 @@ from cardan.common.native import (
     load_own_library,
     native_call,
 )
+from cardan.drivers import missed_cycles
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime
+from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime, SlipCompensation
 from cardan.protocols.ur.program import JOINTS, ProgramCommand, ProgramStatus
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState
 from cardan.types import CommandKind, JointCommand
 
 HEAD: Final = 4
 """Bytes that all data packages of one recipe begin with."""
+SLIP: Final = (
+    "work_off_s",
+    "work_off_share",
+    "recent_s",
+    "speed_up_s",
+    "slow_down_s",
+    "nothing",
+)
+"""Constants of missed_cycles, by which a slip is worked off."""
 _SIX, _HEAD = c_double * JOINTS, c_uint8 * HEAD
 
 
@@ -67,6 +77,7 @@ class CCommands(ctypes.Structure):
         ("acceleration", _SIX),
         ("largest_position", c_double),
         ("largest_velocity", c_double),
+        *((name, c_double) for name in SLIP),
         ("token", c_int32),
         ("order", c_int32),
         ("head", _HEAD),
@@ -145,12 +156,15 @@ class CompiledStates:
         self._shared.token = token
 
 
-AnswerFunction = Callable[[Any, float, int], bytes | None]
-"""Given the command, the period and the beat: one period of the limiter, and the data package.
-None, and nothing is changed, for what is no target, and for a command that is none."""
+AnswerFunction = Callable[[Any, float, int, Any], bytes | None]
+"""Given the command, the period, the beat, and the target before, where the slip is to be added
+(else None): one period of the slip and the limiter, and the data package. None, and nothing is
+changed, for what is no target, for a command that is none, and for a slip that begins or ends."""
 
 
-def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFunction | None:
+def compiled_answer(
+    limiter: JointLimiter, lost: SlipCompensation, head: bytes, token: int
+) -> AnswerFunction | None:
     """Return the function that answers joint targets as UrMotion does, in data packages that begin
     with `head`; None if nothing was compiled."""
     try:
@@ -165,6 +179,8 @@ def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFun
     shared.largest_position = JOINT_POSITION.highest
     shared.largest_velocity = JOINT_VELOCITY.highest
     shared.token, shared.order, shared.head[:] = token, ProgramCommand.FOLLOW, head
+    for name in SLIP:
+        setattr(shared, name, getattr(missed_cycles, name.upper()))
     return native_call(
         library,
         "ur_call_answer",
@@ -175,4 +191,10 @@ def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFun
         "reference",
         "velocity",
         "_target",
+        lost,
+        "_interrupted",
+        "_rested_s",
+        "_fastest",
+        "offset",
+        "rate",
     )

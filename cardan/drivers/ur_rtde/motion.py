@@ -26,8 +26,8 @@ class UrMotion:
         self.beat = beat
         """Beat of the last command."""
         self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
-        self._answer = compiled_answer(self._limiter, head, token) if head else None
         self._lost = SlipCompensation(JOINTS)
+        self._answer = compiled_answer(self._limiter, self._lost, head, token) if head else None
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         self._answered_s: float | None = None
         """The time of the state that was answered last."""
@@ -57,12 +57,14 @@ class UrMotion:
         if (
             self._answer is None
             or before_s is None
-            or self._lost.working
             or not 0.0 < time_s - before_s <= _SAME_CYCLE * period_s
         ):
             return None
+        asked = self._asked if self._lost.working else None
+        if asked is None and self._lost.working:
+            return None
         beat = (self.beat + 1) % _BEATS
-        package = self._answer(command, period_s, beat)
+        package = self._answer(command, period_s, beat, asked)
         if package is not None:
             self.beat, self._answered_s = beat, time_s
             self._asked = command[:2]  # type: ignore[assignment]
@@ -96,7 +98,8 @@ class UrMotion:
             if scale == 1.0:
                 if self._answer is not None:
                     beat = (self.beat + 1) % _BEATS
-                    package = self._answer(JointCommand(positions, speeds), period_s, beat)
+                    followed = JointCommand(positions, speeds)
+                    package = self._answer(followed, period_s, beat, None)
                     if package is not None:
                         self.beat = beat
                         return package
