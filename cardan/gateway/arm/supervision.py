@@ -164,7 +164,11 @@ class Supervision:
             return StopReason(Cause.FIRST if first else Cause.NEW_SESSION, "")
         if before is not None:
             # The longer of the two clocks: a state that waited in a queue was measured earlier.
-            time_s = max(stamp_s - before.stamp_s, period_s, 0.0)
+            time_s = stamp_s - before.stamp_s
+            if period_s > time_s:
+                time_s = period_s
+            if time_s < 0.0:
+                time_s = 0.0
             jump = commanded.jump(before, state, time_s)
             if jump:
                 self._plausible_s = stamp_s
