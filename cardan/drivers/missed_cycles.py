@@ -43,7 +43,7 @@ SPEED_UP_S: Final = 0.25
 SLOW_DOWN_S: Final = 0.1
 """Time constant of slowing a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
 
-_NOTHING = 1e-7
+NOTHING: Final = 1e-7
 """Smallest difference that counts: m, rad, and per s."""
 
 
@@ -382,7 +382,7 @@ class SlipCompensation:
             square += v * v
             size += each * each
             faster += r * (v + 0.5 * r)
-        if square < _NOTHING * _NOTHING:
+        if square < NOTHING * NOTHING:
             self._rest(before, dt_s)
             return
         if self._rested_s:
@@ -416,7 +416,7 @@ class SlipCompensation:
                 speed = high
             rate[i] = r = speed - v
             offset[i] = each = each + r * dt_s
-            if not (-_NOTHING <= each <= _NOTHING and -_NOTHING <= r <= _NOTHING):
+            if not (-NOTHING <= each <= NOTHING and -NOTHING <= r <= NOTHING):
                 left = True
         if not left:
             self.reset()
@@ -435,14 +435,14 @@ class SlipCompensation:
             rate[i], offset[i] = (each - offset[i]) / dt_s, each
         if part == 1.0:
             self._fastest = 0.0
-            if not any(rate) and all(abs(each) <= _NOTHING for each in offset):
+            if not any(rate) and all(abs(each) <= NOTHING for each in offset):
                 self.reset()
 
     def _plan_rest(self, before: Sequence[float]) -> None:
         """Plan how the robot comes to rest: by a cubic in time, with the highest acceleration at
         both ends."""
         size = math.hypot(*self.offset)
-        hardest = max(self._fastest / SLOW_DOWN_S, _NOTHING)
+        hardest = max(self._fastest / SLOW_DOWN_S, NOTHING)
         self._rest_s = time_s = min(max(REST_S, math.sqrt(6.0 * size / hardest)), LONGEST_REST_S)
         share = min(hardest * time_s**2 / 6.0 / size, 1.0) if self._fastest * size > 0.0 else 0.0
         self._plan = plan = []

@@ -1,10 +1,10 @@
 """Compiled cycle of the UR driver: one call receives a state, one answers it.
 
 Receiving covers :mod:`cardan.drivers.ur_rtde.feed` and the session's checks of a state in usual
-motion. Answering covers the command's range check, the limiter and the data package:
-:mod:`cardan.drivers.ur_rtde.motion`. The Python code gives the same result to the last bit; it
-handles rare cases, and all cases if nothing was compiled. Clock and limiter stay Python objects,
-which both languages use.
+motion. Answering covers the command's range check, what missed cycles have left, the limiter and
+the data package: :mod:`cardan.drivers.ur_rtde.motion`. The Python code gives the same result to the
+last bit; it handles rare cases, and all cases if nothing was compiled. Clock and limiter stay
+Python objects, which both languages use.
 """
 
 from __future__ import annotations
@@ -24,14 +24,24 @@ from cardan.common.native import (
     load_own_library,
     native_call,
 )
+from cardan.drivers import missed_cycles
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime
+from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime, SlipCompensation
 from cardan.protocols.ur.program import JOINTS, ProgramCommand, ProgramStatus
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState
 from cardan.types import CommandKind, JointCommand
 
 HEAD: Final = 4
 """First bytes of all data packages of one recipe."""
+SLIP: Final = (
+    "work_off_s",
+    "work_off_share",
+    "recent_s",
+    "speed_up_s",
+    "slow_down_s",
+    "nothing",
+)
+"""Constants of missed_cycles, by which a slip is worked off."""
 _SIX, _HEAD = c_double * JOINTS, c_uint8 * HEAD
 
 
@@ -67,6 +77,7 @@ class CCommands(ctypes.Structure):
         ("acceleration", _SIX),
         ("largest_position", c_double),
         ("largest_velocity", c_double),
+        *((name, c_double) for name in SLIP),
         ("token", c_int32),
         ("order", c_int32),
         ("head", _HEAD),
@@ -146,12 +157,15 @@ class CompiledStates:
         self._shared.token = token
 
 
-AnswerFunction = Callable[[Any, float, int], bytes | None]
-"""Answer a command with its period and beat: one period of the limiter, and the data package. None,
-and no change, for anything but a valid target."""
+AnswerFunction = Callable[[Any, float, int, Any], bytes | None]
+"""Answer a command with its period, its beat, and the target before it if the slip is to be added
+(else None): one period of slip and limiter, and the data package. None, and no change, for anything
+but a valid target, and for a slip that begins or ends."""
 
 
-def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFunction | None:
+def compiled_answer(
+    limiter: JointLimiter, lost: SlipCompensation, head: bytes, token: int
+) -> AnswerFunction | None:
     """Return the compiled `UrMotion` answer to joint targets, in data packages that begin with
     `head`; None if nothing was compiled."""
     try:
@@ -166,6 +180,8 @@ def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFun
     shared.largest_position = JOINT_POSITION.highest
     shared.largest_velocity = JOINT_VELOCITY.highest
     shared.token, shared.order, shared.head[:] = token, ProgramCommand.FOLLOW, head
+    for name in SLIP:
+        setattr(shared, name, getattr(missed_cycles, name.upper()))
     return native_call(
         library,
         "ur_call_answer",
@@ -176,4 +192,10 @@ def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFun
         "reference",
         "velocity",
         "_target",
+        lost,
+        "_interrupted",
+        "_rested_s",
+        "_fastest",
+        "offset",
+        "rate",
     )

@@ -200,10 +200,10 @@ class RtdeFeed:
                 "rtde_port the controller's (30004)?"
             )
 
-    def write(self, values: Sequence[Any]) -> None:
-        """Make the package that writes the registers of `input_names`."""
+    def write(self, values: Sequence[Any] | bytes) -> None:
+        """Make the package that writes the registers of `input_names`; bytes are that package."""
         if self._inputs is not None and self.streaming:
-            self.out.append(self._inputs.pack(values))
+            self.out.append(values if isinstance(values, bytes) else self._inputs.pack(values))
 
     @property
     def command_head(self) -> bytes:

@@ -26,8 +26,8 @@ class UrMotion:
         self.beat = beat
         """Beat of the last command."""
         self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
-        self._answer = compiled_answer(self._limiter, head, token) if head else None
         self._lost = SlipCompensation(JOINTS)
+        self._answer = compiled_answer(self._limiter, self._lost, head, token) if head else None
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         self._answered_s: float | None = None
         """Time of the last answered state."""
@@ -57,12 +57,14 @@ class UrMotion:
         if (
             self._answer is None
             or before_s is None
-            or self._lost.working
             or not 0.0 < time_s - before_s <= _SAME_CYCLE * period_s
         ):
             return None
+        asked = self._asked if self._lost.working else None
+        if asked is None and self._lost.working:
+            return None
         beat = (self.beat + 1) % _BEATS
-        package = self._answer(command, period_s, beat)
+        package = self._answer(command, period_s, beat, asked)
         if package is not None:
             self.beat, self._answered_s = beat, time_s
             self._asked = command[:2]  # type: ignore[assignment]
@@ -70,9 +72,9 @@ class UrMotion:
 
     def command(
         self, command: RobotCommand, time_s: float, period_s: float, scale: float
-    ) -> list[Any] | None:
-        """Return the register values that answer the state of `time_s`; None if it has been
-        answered.
+    ) -> list[Any] | bytes | None:
+        """Return the register values that answer the state of `time_s`, or their whole data
+        package; None if it has been answered.
 
         `scale` is the rate of the controller's time relative to real time, above 0.
         """
@@ -93,7 +95,15 @@ class UrMotion:
             asked, self._asked = self._asked, (positions, speeds)
             if self._lost.working:
                 positions, speeds = self._lost.follow(asked, positions, speeds, period_s)
-            if speeds is not None and scale != 1.0:
+            if scale == 1.0:
+                if self._answer is not None:
+                    beat = (self.beat + 1) % _BEATS
+                    followed = JointCommand(positions, speeds)
+                    package = self._answer(followed, period_s, beat, None)
+                    if package is not None:
+                        self.beat = beat
+                        return package
+            elif speeds is not None:
                 speeds = tuple([v / scale for v in speeds])
             self._limiter.track(positions, speeds, period_s * scale)
         else:

@@ -74,6 +74,8 @@ COASTS_S = 0.5
 HELD_SHARE = 0.5
 """Share of the requested speed below which the message names the limit."""
 
+_new = tuple.__new__
+"""Makes a named tuple in half the time of its constructor, for those of every cycle."""
 
 RequestRecorder = Callable[[int, str, str], None]
 """Receives each request of a source other than the operator device: number of ticks begun before
@@ -691,17 +693,22 @@ class ArmController:
         if operator.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.commanded.measured(robot))
-        view = ArmView(
-            seen,
-            dt_s,
-            reference.pose,
-            resting_pose(reference) if operator.mapping.follows_pose and reference.pose else None,
-            state.arming,
-            free and not state.readings.rejected,
-            inhibited,
-            behind,
-            self._tripped_in_tick and bool(self._trip_reason),
-            suspended=ignored,
+        poses = operator.mapping.follows_pose and reference.pose is not None
+        view = _new(
+            ArmView,
+            (
+                seen,
+                dt_s,
+                reference.pose,
+                resting_pose(reference) if poses else None,
+                state.arming,
+                free and not state.readings.rejected,
+                inhibited,
+                behind,
+                self._tripped_in_tick and bool(self._trip_reason),
+                False,
+                ignored,
+            ),
         )
         self._request = request = operator.request(device, events, view)
         recovering = state.separation.waits or recovers
@@ -787,7 +794,7 @@ class ArmController:
         motion, request = self._motion, self._request
         if self.state.readings.rejected:
             return
-        if isinstance(motion, Recover):
+        if motion is not None and motion.recovers:
             if self.state.arming.armed and request.asks:
                 self._on(ArmEvent.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.commanded.pose)
@@ -814,7 +821,8 @@ class ArmController:
                 return
             # The dead-man's release brakes at once: jerk is limited only while the operator drives.
             motion.wanted, motion.smooth = request.twist, request.following
-            motion.rates = request.rates if any(request.rates.values()) else None
+            rates = request.rates
+            motion.rates = rates if rates and any(rates.values()) else None
 
     @property
     def _drifted(self) -> bool:

@@ -74,6 +74,9 @@ AT_REST_RAD_S = 2e-4
 _new = tuple.__new__
 """Constructor of the named tuples of every cycle, in half the usual time."""
 
+_JOINT = CommandKind.JOINT
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
+
 
 class JointSpaceArm(CommandedArm):
     """The commanded joints of one arm."""
@@ -331,9 +334,9 @@ class JointSpaceArm(CommandedArm):
             servo.record_command(state.stamp_s)
         # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
-        if self.kind is CommandKind.JOINT:
+        if self.kind is _JOINT:
             positions, speeds = tuple(servo.q.tolist()), tuple(v.tolist())
-            return _new(JointCommand, (positions, speeds, (), CommandKind.JOINT))
+            return _new(JointCommand, (positions, speeds, (), _JOINT))
         if self.kind is CommandKind.JOINT_VELOCITY:
             v = self._velocities(None if blind else state, v, dt_s, approaching)
             return JointVelocityCommand(tuple(v.tolist()))

@@ -33,6 +33,9 @@ JOINT_ERROR = bounds.Range(
 TRUST_AFTER_S = 0.5
 """Time for which readings must have been plausible before a confirmation accepts them again."""
 
+_LIVE = RobotLink.LIVE
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Watchdogs(Options):
@@ -129,19 +132,21 @@ class Supervision:
     def look(self, state: RobotState, commanded: CommandedArm) -> StopReason | None:
         """Return the gravest finding about this state before it is compared with the command; None
         when all is well."""
-        self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
-        if 0.0 < state.period_s < math.inf:
-            self.step_s = min(state.period_s, self._longest_step_s)
+        stamp_s, period_s, hold_reason = state.stamp_s, state.period_s, state.hold_reason
+        self.gap_s, self._ticked_s = stamp_s - self._ticked_s, stamp_s
+        if 0.0 < period_s < math.inf:
+            longest_s = self._longest_step_s
+            self.step_s = period_s if period_s < longest_s else longest_s
         else:
             # A robot whose clock stands still goes on moving, and is braked by the local clock.
             self.step_s = max(0.0, min(self._period_s, self.gap_s))
         new_session = state.session != self._session
         began, self.ready = not self.ready, False
-        live = state.link is RobotLink.LIVE
-        self._not_acting = self._not_acting or not live or bool(state.hold_reason)
+        live = state.link is _LIVE
+        self._not_acting = self._not_acting or not live or bool(hold_reason)
         if not live:
-            return StopReason(Cause.LOST, state.hold_reason or f"the robot is {state.link.value}")
-        wrong = state.hold_reason or commanded.obstacle(state, new_session or began)
+            return StopReason(Cause.LOST, hold_reason or f"the robot is {state.link.value}")
+        wrong = hold_reason or commanded.obstacle(state, new_session or began)
         if wrong:
             if new_session and self._session is not None:
                 return StopReason(Cause.NEW_SESSION, wrong)
@@ -153,14 +158,18 @@ class Supervision:
         self.acted, self._not_acting = not self._not_acting, False
         if new_session:
             self.implausible = ""
-            self._plausible_s = state.stamp_s
+            self._plausible_s = stamp_s
             return StopReason(Cause.FIRST if first else Cause.NEW_SESSION, "")
         if before is not None:
             # The longer of the two clocks: a state that waited in a queue was measured earlier.
-            time_s = max(state.stamp_s - before.stamp_s, state.period_s, 0.0)
+            time_s = stamp_s - before.stamp_s
+            if period_s > time_s:
+                time_s = period_s
+            if time_s < 0.0:
+                time_s = 0.0
             jump = commanded.jump(before, state, time_s)
             if jump:
-                self._plausible_s = state.stamp_s
+                self._plausible_s = stamp_s
                 self.implausible = jump
                 return StopReason(Cause.JUMPED, jump)
         if began:

@@ -36,6 +36,9 @@ from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 _new = tuple.__new__
 """Constructor of the named tuples of every cycle, in half the usual time."""
 
+_BASE, _TOOL = Frame.BASE, Frame.TOOL
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceLimits(Options):
@@ -168,10 +171,10 @@ class Reference:
             raise RuntimeError("the reference has not been placed")
         limits = self.limits
         linear, angular = target.linear, target.angular
-        if target.frame is not Frame.BASE:
+        if (frame := target.frame) is not _BASE:
             angular = rotate(pose.orientation, angular)
-        if target.frame is Frame.TOOL:
-            linear = rotate(pose.orientation, linear)
+            if frame is _TOOL:
+                linear = rotate(pose.orientation, linear)
         if math.hypot(*linear) > limits.linear_speed_m_s:
             linear = limit_norm(linear, limits.linear_speed_m_s)
         if math.hypot(*angular) > limits.angular_speed_rad_s:
@@ -238,4 +241,4 @@ class Reference:
             turn = _new(Vector3, (rx * dt_s, ry * dt_s, rz * dt_s))
             orientation = turned_by(orientation, turn)
         position = _new(Vector3, (x + u * dt_s, y + v * dt_s, z + w * dt_s))
-        self.pose = _new(Pose, (position, orientation, Frame.BASE))
+        self.pose = _new(Pose, (position, orientation, _BASE))
