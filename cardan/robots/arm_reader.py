@@ -254,8 +254,7 @@ def published_home(joints: Sequence[ArmJoint], tree: Tree) -> tuple[float, ...]:
 
 
 def _home(joints: list[ArmJoint], given: tuple[float, ...] | None, tree: Tree) -> tuple[float, ...]:
-    """Return the configured or the file's home; empty if there is none: choosing one needs the whole
-    arm."""
+    """Return the configured or the file's home; empty if there is none: a choice needs the arm."""
     if given is None:
         return published_home(joints, tree)
     home = _each("home_deg", given, joints)

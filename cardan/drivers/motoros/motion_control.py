@@ -380,7 +380,6 @@ class MotionControl:
         return agreed_limits(self.options.limits, self.velocity_info)
 
     def disable(self, now_s: float) -> None:
-        """Brake along a ramp, then leave the controller's mode."""
         self._start_once = self._asked_early = False
         if self.phase is MotionPhase.STARTING:
             self.phase = MotionPhase.LEAVING

@@ -381,7 +381,6 @@ class Ros2ArmSession(DatagramSession[JointStates]):
 
     @property
     def moving(self) -> bool:
-        """True if the last sent message moves the arm."""
         return self._commanded and self._limiter is not None and any(self._limiter.velocity)
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:

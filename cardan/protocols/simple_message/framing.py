@@ -65,7 +65,6 @@ class FrameReader:
         return len(self._buffer)
 
     def feed(self, data: bytes) -> None:
-        """Add bytes from TCP."""
         if not self.failure:
             self._buffer += data
 

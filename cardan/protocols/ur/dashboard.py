@@ -65,7 +65,6 @@ class DashboardReader(StreamReader):
         self._skips = False
 
     def feed(self, data: bytes) -> None:
-        """Add received bytes."""
         super().feed(data)
         if self._skips:
             _, end, rest = self._pending.partition(b"\n")

@@ -32,7 +32,6 @@ class StreamReader:
         return len(self._pending)
 
     def feed(self, data: bytes) -> None:
-        """Add received bytes."""
         self._pending += data
 
 
@@ -72,7 +71,6 @@ class ScriptReader:
         return self._depth > 0
 
     def feed(self, data: bytes) -> None:
-        """Add received bytes."""
         first, *others = data.split(b"\n")
         self._part(first)
         for part in others:
