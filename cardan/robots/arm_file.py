@@ -71,7 +71,7 @@ class CollisionTable(Options):
     ignore: tuple[tuple[str, str], ...] = ()
     """Pairs of links, or of names of shapes, that always touch, besides neighbors."""
     meshes: Literal["fit", "ignore"] = "fit"
-    """Whether meshes are covered by shapes or ignored."""
+    """Treatment of meshes: covered by shapes, or ignored."""
     fit: Literal["tight", "coarse"] = "tight"
     """Cover of a mesh: up to four capsules and boxes, or one."""
     shape: tuple[ShapeTable, ...] = ()

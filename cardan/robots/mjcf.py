@@ -114,7 +114,8 @@ def _numbers(words: str, attributes: Mapping[str, str], name: str, default: str)
 
 
 def _overlaid(texts: Iterable[str]) -> str:
-    """Overlay texts of numbers: each gives the first ones, the first text before the others."""
+    """Complete a short list of numbers by the defaults: the first text, then the rest of the
+    next."""
     found: list[str] = []
     for text in texts:
         found += text.split()[len(found) :]

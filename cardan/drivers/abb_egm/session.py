@@ -138,7 +138,7 @@ class EgmSession(AnsweringSession):
         self.clock = ClockWatch()
         """Check of the ms clock in the headers; the wall clock may be set at any time."""
         self._tm_ms, self._tm_s = UNKNOWN, 0.0
-        """That clock at the last check, and the time since the first."""
+        """The ms clock at the last check, and the time since the first."""
         self.port = options.listen_port
         """Actual UDP port, if the options leave the choice (0: any)."""
         self._foreign: Address | None = None

@@ -102,7 +102,7 @@ class MotionControl:
         """Failed answer to the last control request."""
         self._topics: list[Message] = []
         self._velocity: bool | None = None
-        """Whether velocity mode is used; None until the controller has answered."""
+        """True if velocity mode is used; None until the controller has answered."""
         self._after: list[MotionCommand] = []
         """Requests to send after braking."""
         self._stop_tries = 0

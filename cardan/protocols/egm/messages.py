@@ -85,7 +85,7 @@ class EgmMotion(NamedTuple):
     """rad. A 7-axis robot's third axis travels as external_joints[0]."""
     cartesian: EgmPose | None = None
     external_joints: tuple[float, ...] | None = None
-    """As on the wire: degrees for a rotary axis, mm for a linear one; only the user knows."""
+    """External axes as on the wire: degrees, or mm for a linear axis, which only the user knows."""
     time_us: int | None = None
     """The controller's clock, µs since the Unix epoch."""
     time_stamp_ns: int | None = None
@@ -136,7 +136,7 @@ class EgmRobot(NamedTuple):
     collision_info: EgmCollisionInfo | None = None
     rapid_from_robot: EgmRapidData | None = None
     torque_ref: tuple[float, ...] | None = None
-    """As on the wire."""
+    """Joint torques as on the wire."""
 
 
 class EgmFeedback(NamedTuple):
@@ -169,7 +169,7 @@ class EgmSpeedRef(NamedTuple):
     cartesians: tuple[float, ...] | None = None
     """vx vy vz in m/s, wx wy wz in rad/s."""
     external_joints: tuple[float, ...] | None = None
-    """As on the wire: deg/s or mm/s."""
+    """Speeds of external axes as on the wire: deg/s or mm/s."""
 
 
 class EgmSensor(NamedTuple):
