@@ -618,7 +618,7 @@ def test_comments_that_begin_with_a_pronoun_are_found():
 HUMAN_HANDS = {
     "cardan/common": "bounds.py haptics.py troubles.toml",
     "cardan/demos": "demo.py",
-    "cardan/drivers": "ihaptic.py remote/core.py remote/options.py remote/shared.py spnav/core.py",
+    "cardan/drivers": "ihaptic.py spnav/core.py",
     "cardan/gateway": "bus/haptic_server.py bus/sharing.py daemon/figures.py",
     "cardan/gateway/force": "__init__.py conditioning.py crossfade.py figures.py fixtures.py "
     "input.py link.py network.py passive.py rendering.py snapshot.py sources.py stability.py "

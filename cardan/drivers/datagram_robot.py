@@ -332,7 +332,6 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         self._note_refused()
 
     def silence_s(self, now_s: float) -> float:
-        """Time since the newest state, s; infinite before the first."""
         return now_s - self._heard_s
 
     def late(self, now_s: float) -> bool:
@@ -360,7 +359,6 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
     # -- diagnosis ------------------------------------------------------------------------------
 
     def metrics(self) -> dict[str, float]:
-        """Counts so far."""
         return {
             "states": float(self.accepted),
             "lost": float(self._skipped),
@@ -369,7 +367,6 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         }
 
     def protocol_errors(self) -> dict[str, int]:
-        """Return counts of ignored datagrams: out of order, implausible, or not of the protocol."""
         ignored = self.ignored
         found = {"order": sum(ignored[why] for why in _OUT_OF_ORDER)}
         found["implausible"] = ignored[_IMPLAUSIBLE]
@@ -377,7 +374,6 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return found
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Problems, worst first."""
         found = []
         if self.state is None:
             advice = f"; {self.advice}" if self.advice else ""

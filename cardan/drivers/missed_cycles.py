@@ -123,8 +123,8 @@ class ClockWatch:
     )
 
     def __init__(self, *, option: str = "", simulated: bool = False) -> None:
-        """`simulated`: the controller's time is a simulation's, and may pass as fast as that
-        computes. `option` names the setting for that, for messages about an unexpected clock."""
+        """Set `simulated` for a simulation's time, which may pass as fast as it computes. `option`
+        names that setting in messages about an unexpected clock."""
         self._option, self._simulated = option, simulated
         self.begin()
 

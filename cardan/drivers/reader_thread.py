@@ -166,17 +166,14 @@ class ReaderMixin(ABC, Generic[C]):
             self._end(thread)
 
     def state(self) -> DeviceState:
-        """Return the newest state."""
         with self._lock:
             return self._core.state(time.monotonic())
 
     def button_events(self) -> Sequence[ButtonEvent]:
-        """Return button edges since the last call, oldest first."""
         with self._lock:
             return self._core.events()
 
     def metrics(self) -> dict[str, float]:
-        """Live figures by name."""
         with self._lock:
             return self._core.metrics(time.monotonic())
 
@@ -186,7 +183,6 @@ class ReaderMixin(ABC, Generic[C]):
             return self._core.protocol_errors()
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Return problems and other warnings, worst first."""
         with self._lock:
             return tuple(self._core.diagnosis(time.monotonic()))
 

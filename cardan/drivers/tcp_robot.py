@@ -344,13 +344,11 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
                 self._receive(session, channel, link)
 
     def send(self, command: RobotCommand) -> None:
-        """Answer the last yielded state; no effect if it takes no command."""
         session = self._require_open()
         session.command(command, _monotonic())
         self._flush(session)
 
     def _leave(self) -> None:
-        """Brake, end the session's motion, and wait briefly for the controller's answer."""
         session = self._session
         deadline_s = _monotonic() + _LEAVE_S + session.braking_s
         session.leave(_monotonic())

@@ -318,7 +318,6 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         return (caution,) if caution else ()
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """The UDP port, on which the controller speaks first."""
         own = self.options
         return (
             Endpoint(

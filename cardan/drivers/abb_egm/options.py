@@ -55,7 +55,7 @@ class AbbEgmOptions(Options):
     external_axes: Annotated[int, EXTERNAL_AXES] = 0
     """Number of external axes that are guided along with the arm."""
     linear_external_axes: tuple[Annotated[int, EXTERNAL_AXIS], ...] = ()
-    """Which external axes, counted from 0, are linear (mm on the wire) and not rotary."""
+    """Indices from 0 of the external axes that are linear (mm on the wire), not rotary."""
     force_frame: Literal["tool", "base"] = "tool"
     """Frame of the measured forces; ABB's manual does not define it."""
     robot: Annotated[str, bounds.ARM_FILE] | None = None

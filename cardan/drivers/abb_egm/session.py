@@ -138,7 +138,7 @@ class EgmSession(AnsweringSession):
         self.clock = ClockWatch()
         """Check of the ms clock in the headers; the wall clock may be set at any time."""
         self._tm_ms, self._tm_s = UNKNOWN, 0.0
-        """That clock at the last check, and the time since the first."""
+        """The ms clock at the last check, and the time since the first."""
         self.port = options.listen_port
         """Actual UDP port, if the options leave the choice (0: any)."""
         self._foreign: Address | None = None
@@ -700,7 +700,6 @@ class EgmSession(AnsweringSession):
         return self._encode(now_s)
 
     def hold(self, now_s: float) -> bytes:
-        """Return the answer if the application gave none: brake, or stay."""
         self.counters.driver_holds += 1
         return self._reply(None, now_s)
 
@@ -754,7 +753,6 @@ class EgmSession(AnsweringSession):
 
     @property
     def moving(self) -> bool:
-        """True if the last message commanded motion."""
         return bool(self._cycle_state.said_speed)
 
     def _encode(self, now_s: float, still: bool = False) -> bytes:
@@ -849,7 +847,6 @@ class EgmSession(AnsweringSession):
         return now_s - (self.opened_s if self.state is None else self._last_s)
 
     def metrics(self) -> dict[str, float]:
-        """Live figures: times in s, ratios in 0..1, counts."""
         counters = self.counters
         state = self.state
         intervals = counters.accepted - self._session_first - 1
@@ -879,12 +876,10 @@ class EgmSession(AnsweringSession):
         return figures
 
     def protocol_errors(self) -> dict[str, int]:
-        """Datagrams of the controller that could not be used, by kind."""
         counters = self.counters
         return {**counters.malformed, "order": counters.duplicates + counters.old}
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Return problems and other warnings, worst first."""
         return diagnose(self, now_s)
 
 

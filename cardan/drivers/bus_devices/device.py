@@ -188,7 +188,6 @@ class BusMixin(ReaderMixin[C]):
             bus.close()
 
     def close(self) -> None:
-        """Stop reading and rumbling."""
         super().close()
         self._level = 0.0
 

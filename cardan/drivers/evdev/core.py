@@ -217,7 +217,6 @@ class EvdevCore(DeviceCore):
             self._link, self._reason = DeviceLink.LIVE, ""
 
     def _watch(self, now_s: float) -> None:
-        """Check for a deflected device that was not read, or fell silent."""
         if self._link is not DeviceLink.LIVE:
             return
         if now_s - self._stamp_s > UNREAD_AFTER_S:

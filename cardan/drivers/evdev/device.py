@@ -89,7 +89,6 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
     # -- the reader ----------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Stop reading and release the device."""
         with self._opening:
             super().close()
             self._chosen = None

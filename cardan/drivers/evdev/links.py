@@ -72,7 +72,6 @@ class NodeLink(EvdevLink):
         self._poll.register(self._fd, select.POLLIN)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Read the events that are ready, in a single read."""
         ready = self._poll.poll(1000.0 * timeout_s)
         if not ready:
             return None
@@ -84,11 +83,9 @@ class NodeLink(EvdevLink):
             return None
 
     def write(self, events: bytes) -> None:
-        """Write events in a single write."""
         os.write(self._fd, events)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
-        """Call one ioctl."""
         if request in BY_VALUE:
             fcntl.ioctl(self._fd, request, decode_int(argument))
             return argument
@@ -101,7 +98,6 @@ class NodeLink(EvdevLink):
         return True
 
     def close(self) -> None:
-        """Close the node; the kernel erases effects uploaded through it."""
         with contextlib.suppress(OSError):
             os.close(self._fd)
 
@@ -119,7 +115,6 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
         super().__init__(path)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Receive one packet."""
         if self._early:
             return self._early.popleft()
         end_s = time.monotonic() + timeout_s
@@ -129,7 +124,6 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
                 return packet
 
     def write(self, events: bytes) -> None:
-        """Send one packet."""
         self.send(events, FEEDBACK_TIMEOUT_S)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:

@@ -86,7 +86,6 @@ class Gamepad(EvdevDevice[GamepadCore]):
             )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Return problems and other warnings, worst first."""
         words = super().diagnosis()
         if self._rumble_failures:
             words += (f"{self._rumble_failures} times the pad would not rumble",)
@@ -136,6 +135,5 @@ class Gamepad(EvdevDevice[GamepadCore]):
             link.call(EVIOCRMFF, encode_int(effect), FEEDBACK_TIMEOUT_S)
 
     def close(self) -> None:
-        """Stop reading and rumbling, and release the pad."""
         super().close()
         self._level = 0.0

@@ -120,7 +120,6 @@ class HandheldCore(BusCore):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the buttons."""
         return (HOLD, *(each for each in BUTTONS[self.kind] if each != ALIGN))
 
     @abstractmethod
@@ -136,7 +135,6 @@ class HandheldCore(BusCore):
         return True
 
     def on_opened(self, now_s: float) -> None:
-        """Start after the page was found (again)."""
         self._forget_sender(now_s)
         self._on_other_sender()
         self._begin("let go of the control on the page once", now_s)

@@ -47,7 +47,6 @@ class Keyboard(EvdevDevice[KeyboardCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the keyboard: keys that move nothing are buttons."""
         with self._lock:
             buttons = self._core.buttons
         return DeviceCapabilities(
@@ -55,7 +54,6 @@ class Keyboard(EvdevDevice[KeyboardCore]):
         )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Return problems and other warnings, worst first."""
         words = super().diagnosis()
         if self._grab_refused:
             words += ("another program has grabbed the keyboard: end it, or set grab = false",)

@@ -102,7 +102,7 @@ class MotionControl:
         """Failed answer to the last control request."""
         self._topics: list[Message] = []
         self._velocity: bool | None = None
-        """Whether velocity mode is used; None until the controller has answered."""
+        """True if velocity mode is used; None until the controller has answered."""
         self._after: list[MotionCommand] = []
         """Requests to send after braking."""
         self._stop_tries = 0
@@ -380,7 +380,6 @@ class MotionControl:
         return agreed_limits(self.options.limits, self.velocity_info)
 
     def disable(self, now_s: float) -> None:
-        """Brake along a ramp, then leave the controller's mode."""
         self._start_once = self._asked_early = False
         if self.phase is MotionPhase.STARTING:
             self.phase = MotionPhase.LEAVING

@@ -219,7 +219,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         self._flush(now_s)
 
     def disable(self, now_s: float) -> None:
-        """Brake along a ramp, then leave the controller's mode."""
         self.control.disable(now_s)
         self._flush(now_s)
 
@@ -230,7 +229,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         self._flush(now_s)
 
     def leave(self, now_s: float) -> None:
-        """Brake and leave the controller's mode, because the application ended its loop."""
         self.control.leave(now_s)
         self._flush(now_s)
 
@@ -320,7 +318,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         return control.hold_reason
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Return problems and other warnings, worst first."""
         feed = self.feed
         quiet = ""
         if not feed.live(now_s):
@@ -332,7 +329,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         return {"malformed": sum(self.feed.ignored.values())}
 
     def metrics(self, now_s: float) -> dict[str, float]:
-        """Live figures."""
         counters, latency = self.control.counters, self.requests.latency
         return {
             "feedback_age_s": max(0.0, now_s - self.feed.feedback_s)

@@ -152,7 +152,6 @@ class RemoteCore(BusCore):
         return self.capabilities.buttons
 
     def on_opened(self, now_s: float) -> None:
-        """Start after the device was shared (again)."""
         self._forget_sender(now_s)
         self._forget_device()
         self._begin("not seen at rest yet: let go of the device", now_s)

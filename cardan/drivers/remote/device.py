@@ -63,7 +63,6 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the device; known once it is open."""
         with self._lock:
             return self._core.capabilities
 
@@ -143,7 +142,6 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
         super()._release()
 
     def close(self) -> None:
-        """Stop reading, and give the device back."""
         super().close()
         self._given = DeviceFeedback()
         self._command = None
@@ -191,7 +189,6 @@ class RemoteForce(Remote, HapticDevice):
         self._enabled = True
 
     def disable(self) -> None:
-        """Stop the force until enable()."""
         with self._lock:
             self._enabled = False
             if self._command is not None:

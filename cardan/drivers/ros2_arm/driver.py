@@ -33,7 +33,6 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     """False: the publisher of the joint states is not the controller."""
 
     def cautions(self) -> tuple[str, ...]:
-        """Return warnings about the kind of command."""
         caution = self.options.caution
         return (caution,) if caution else ()
 

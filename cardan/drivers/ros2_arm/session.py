@@ -44,9 +44,9 @@ COMMAND_TYPES = {
 """Message types by command kind."""
 
 BRIDGED_S, BRIDGED_PERIODS = 0.015, 3.1
-"""Longest time and largest step between two commands that are bridged as if the robot had
-continued: a lost state, a suspended process. After a longer time a robot commanded by positions has
-stopped; by a larger step it would overshoot."""
+"""Longest time between two commands that is bridged as if the robot had continued, in s or in
+periods: a lost state, a suspended process. After a longer time a robot commanded by positions has
+stopped, and the step would overshoot."""
 
 FARTHEST_BEHIND = 0.2
 """Largest distance, rad or m, lost in repeated stops that is handled as missed cycles; more would
@@ -381,7 +381,6 @@ class Ros2ArmSession(DatagramSession[JointStates]):
 
     @property
     def moving(self) -> bool:
-        """True if the last sent message moves the arm."""
         return self._commanded and self._limiter is not None and any(self._limiter.velocity)
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:

@@ -67,11 +67,9 @@ class NodeTransport(ABC):
         """Return the node whose publisher of joint states has this GID; empty if unknown."""
 
     def now(self) -> float:
-        """Return the time of the stamps, s."""
         return time.monotonic()
 
     def send(self, data: bytes | bytearray) -> None:
-        """Publish a command."""
         self._commands.put(data, time.time_ns())
 
     def wait(self) -> Sequence[Received]:
@@ -80,7 +78,6 @@ class NodeTransport(ABC):
         return () if first is None else (first, *self.waiting())
 
     def waiting(self) -> Sequence[Received]:
-        """Return the joint states received already."""
         found = []
         while (each := self._states.poll()) is not None:
             found.append(each)
@@ -129,7 +126,6 @@ class ZenohTransport(NodeTransport):
         return bool(self._takers.others())
 
     def publisher(self, gid: bytes) -> str:
-        """Find the node by its liveliness token."""
         domain = self._options.bus.domain
         found = (e.full_node for e in self._publishers.others() if gid_of(e, domain) == gid)
         return next(found, "")
@@ -154,11 +150,9 @@ class DdsTransport(NodeTransport):
         return self._commands.heard
 
     def publisher(self, gid: bytes) -> str:
-        """Find the node by its announcement."""
         return self._graph.writer(gid)
 
     def close(self) -> None:
-        """Leave DDS."""
         self._graph.close()
         super().close()
 

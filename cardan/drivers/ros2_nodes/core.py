@@ -140,11 +140,9 @@ class JoyCore(BusCore):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the buttons; empty before the first message."""
         return tuple(f"button-{number}" for number in range(self._button_count))
 
     def on_opened(self, now_s: float) -> None:
-        """Start after the node was found (again)."""
         self._on_other_sender()
         self._forget_sender(now_s)
         self._begin(f"not seen at rest yet: {self._touch}", now_s)

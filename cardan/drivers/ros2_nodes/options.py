@@ -98,7 +98,6 @@ class Ros2JoyOptions(JoyOptions):
 
     @property
     def mapped(self) -> tuple[Six, Six]:
-        """Axes without and with the shift button."""
         if self.axes:
             x, y, z, roll, pitch, yaw = self.axes
             given = x, y, z, roll, pitch, yaw
@@ -107,5 +106,4 @@ class Ros2JoyOptions(JoyOptions):
 
     @property
     def shift_button(self) -> str:
-        """Button to hold for the other axes; empty if there is none."""
         return self.shift or ("" if self.axes else SHIFTS[self.layout])

@@ -119,7 +119,6 @@ class SimArmSession(DatagramSession[ArmState]):
     # -- commands -------------------------------------------------------------------------------
 
     def keepalive(self, now_s: float) -> bytes:
-        """Return a hold, which makes the arm send states."""
         return self._encode(0, now_s, ControlMode.HOLD)
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:

@@ -303,7 +303,6 @@ class SpaceMouseCore(DeviceCore):
             self._drift.update(self._raw(), self._full_scale, now_s)
 
     def _watch(self, now_s: float) -> None:
-        """Check for silence of a deflected device, or of one of its halves."""
         if not self._active:
             return
         translation, rotation = self._translation, self._rotation

@@ -168,7 +168,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             self._core.rezero(time.monotonic())
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Return problems and other warnings, worst first."""
         words = [*super().diagnosis()]
         now_s = time.monotonic()
         with self._lock:
@@ -204,7 +203,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         return (hid_transport(options.transport),)
 
     def _connect(self) -> None:
-        """Open the device that the options select. Raises DriverError."""
         refusals: list[str] = []
         missing: list[str] = []
         for transport in self._transports:
@@ -268,7 +266,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     # -- the reader ----------------------------------------------------------------------------
 
     def _serve(self, stop: threading.Event) -> None:
-        """Read the open device until it is to be closed. Raises OSError once it is gone."""
         while not stop.is_set():
             if len(self._links) > 1:
                 self._bind()

@@ -114,7 +114,6 @@ class HidTransport(Transport):
         return found
 
     def open(self, device: HidCandidate) -> HidLink:
-        """Open a HID collection by its path."""
         try:
             return _HidapiLink(load_hid(self._module_name), device.path)
         except (OSError, ValueError) as error:
@@ -156,7 +155,6 @@ class SocketTransport(Transport):
         self._model = model
 
     def find(self) -> list[HidCandidate]:
-        """Return the one device, if its socket exists."""
         if not os.path.exists(self._path):
             return []
         model = self._model
@@ -169,7 +167,6 @@ class SocketTransport(Transport):
         ]  # fmt: skip
 
     def open(self, device: HidCandidate) -> HidLink:
-        """Connect to the socket."""
         return open_simulated(device.name, device.path, HidSocketLink)
 
 
@@ -177,11 +174,9 @@ class HidSocketLink(PacketSocket, HidLink):
     """A connected packet socket as a device."""
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Receive one packet."""
         return self.receive(timeout_s)
 
     def write(self, report: bytes) -> None:
-        """Send one packet."""
         self.send(report)
 
 

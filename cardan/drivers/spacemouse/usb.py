@@ -149,7 +149,6 @@ class UsbLink(HidLink):
             return None
 
     def close(self) -> None:
-        """Release the interface and return it to the kernel's driver."""
         util = _usb_util()
         if self._claimed:
             with contextlib.suppress(OSError):

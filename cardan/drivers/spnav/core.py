@@ -420,7 +420,6 @@ class SpnavCore(DeviceCore):
         )
 
     def _watch(self, now_s: float) -> None:
-        """Check for silence of a deflected device; accept a device that stayed at rest."""
         if not self._active:
             self._arm(now_s)
         elif now_s - self._motion_s > self._options.stale_after_s:

@@ -42,7 +42,6 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
         return options.primary_port if channel == "primary" else options.dashboard_port
 
     def send(self, command: RobotCommand) -> None:
-        """Answer the last yielded state; no effect if it takes no command."""
         session, now_s = self._require_open(), monotonic()
         if session.reply_pending and session.late(now_s):
             session.check(command)

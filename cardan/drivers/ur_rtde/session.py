@@ -250,7 +250,6 @@ class UrSession(TcpSession[Channel, Task]):
         )
 
     def outgoing(self) -> list[tuple[Channel, bytes]]:
-        """Return messages to send now, in order; `_out` has those of other channels than RTDE's."""
         states = self.feed.out
         if not (states or self._out):
             return []
@@ -521,7 +520,6 @@ class UrSession(TcpSession[Channel, Task]):
         self._drop("primary", "not needed", now_s)
 
     def leave(self, now_s: float) -> None:
-        """Brake and end the program, because the application ended its loop."""
         if self.phase == "moving":
             self.phase = "braking"
             self._braked_by_s = now_s + self.braking_s + 0.5
@@ -690,7 +688,6 @@ class UrSession(TcpSession[Channel, Task]):
         return f"no state from {where} for {options.state_timeout_s:g} s"
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Return problems and other warnings, worst first."""
         found = []
         if not self._live(now_s):
             found.append(self._silence())
@@ -722,7 +719,6 @@ class UrSession(TcpSession[Channel, Task]):
         return {"implausible": wrong, "malformed": sum(ignored.values()) - wrong}
 
     def metrics(self) -> dict[str, float]:
-        """Live figures."""
         latency = self.command_latency
         return {
             "period_s": self.feed.period_s,
