@@ -15,7 +15,7 @@ import pytest
 from cardan.common.tables import read_toml
 from cardan.drivers import registry
 from tests.docs_tables import ours
-from tests.sentences import MAYBE, begun_with_a_pronoun, comments, docstrings, strings
+from tests.sentences import MAYBE, NO_NOUN, begun_with_a_pronoun, comments, docstrings, strings
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 SOURCE_TREE = PACKAGE.parent
@@ -607,6 +607,26 @@ def test_the_subject_of_a_sentence_is_a_thing_of_the_field():
         for each in begun_with_a_pronoun(said)
     ]
     assert found == []
+
+
+def begun_without_a_noun(source):
+    return [f"{line}: {said[:60]}" for line, said in docstrings(source) if NO_NOUN.match(said)]
+
+
+def test_a_docstring_begins_with_an_imperative_or_a_noun():
+    found = {
+        path.relative_to(SOURCE_TREE).as_posix(): said
+        for path, text in own_sources()
+        if path.relative_to(SOURCE_TREE).parts[0] in ("cardan", "plugins")
+        and "tests" not in path.parts
+        if (said := begun_without_a_noun(text))
+    }
+    assert found == {}
+
+
+def test_docstrings_that_begin_without_a_noun_are_found():
+    source = 'def f():\n    """Of a joint."""\n\n\ndef g():\n    """Offset, where known."""\n'
+    assert begun_without_a_noun(source) == ["2: Of a joint."]
 
 
 def test_comments_that_begin_with_a_pronoun_are_found():

@@ -66,7 +66,7 @@ class NeighborBodies:
         self.shapes = tuple(each._replace(name=self.label(each.name)) for each in shapes)
         """Shapes of its bodies, each in the frame of its body."""
         self.base = base
-        """Base of the neighbor in that of this arm."""
+        """Pose of the neighbor's base in this arm's base frame."""
         self._base = to_se3(base)
         self._reach = reach_of(model, self.shapes)
         self._moves = (self._reach > 0.0).any(axis=0)

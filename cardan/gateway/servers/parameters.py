@@ -15,7 +15,7 @@ from cardan.protocols.ros2.interfaces import service_type
 from cardan.protocols.ros2.messages import completed
 
 TIMEOUT_S = 5.0
-"""Longest wait for a node's parameters; rosapi's own."""
+"""Longest wait for a node's parameters, the same as in rosapi."""
 
 EVENTS, EVENT = "/parameter_events", "rcl_interfaces/msg/ParameterEvent"
 """Topic on which nodes report changes of their parameters."""

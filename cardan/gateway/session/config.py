@@ -71,7 +71,7 @@ class ArmTable(ArrivalOptions):
     collisions: bool = True
     """Keep the arm away from itself and from the obstacles."""
     i_accept_links_without_bodies: bool = False
-    """Accept obstacles that some links cannot be kept away from, having no bodies."""
+    """Accept obstacles even if some links have no bodies, and do not keep away from them."""
     safety_distance_m: Annotated[float, bounds.SAFETY_DISTANCE_M] = ServoOptions.safety_distance_m
     tcp_tolerance_m: Annotated[float, bounds.TCP_TOLERANCE_M] | None = None
     """Largest difference between the controller's own TCP and the model's at which the arm is

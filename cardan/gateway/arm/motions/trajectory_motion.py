@@ -14,7 +14,7 @@ SETTLE_S = 1.0
 """Longest time for the last fraction of a millimeter of a path."""
 
 AT_REST_RAD_S = 2e-4
-"""All joints slower than this can stop within one period."""
+"""Joint speed below which all joints can stop within one period, rad/s or m/s."""
 
 TOLERANCE_M = 1e-3
 TOLERANCE_RAD = 5e-3
