@@ -128,8 +128,10 @@ def _run() -> int:
         if (near := _near(words, context)) and "Did you mean" not in words:
             words += f". Did you mean {near}?"
         command = context.command_path if context is not None else "cardan"
-        words += " " if words.endswith("?") else "; "
-        print_problem(f"{words}`{command} --help` says what there is")
+        if words.endswith("?"):
+            print_problem(f"{words[:-1]}? `{command} --help` says what there is")
+        else:
+            print_problem(f"{words}; `{command} --help` says what there is")
         return EXIT_USAGE
 
 
