@@ -8,8 +8,9 @@ the report that deflects the device to the first answer that moves the arm, and 
 that releases the dead-man button to the last answer that moves it on, by SWING_M.
 
 Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one
-what ROS 2's spacenav_node would publish, on the same router. All run side by side and are asked in
-turns.
+by the messages of ROS 2's spacenav_node (:mod:`bench.spacenav_node`) on the same router. For
+that one this process is spacenavd, and takes no time. All run side by side and are moved in turns,
+each at the same phases of the robot's cycle.
 
 Networks: ``cardan devices share`` is at one computer, router and session are at another, both made
 of network namespaces, and between them is a link (:mod:`bench.two_computers`). It is a model of
@@ -34,6 +35,7 @@ import sys
 import tempfile
 import time
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -41,6 +43,7 @@ from typing import Final, NamedTuple
 from bench import pages
 from bench.figures import Figures
 from bench.link import Conditions
+from bench.spacenav_node import EVENT, MOTION, PRESS, RELEASE
 from bench.two_computers import (
     ADDRESSES,
     OPERATOR,
@@ -49,13 +52,10 @@ from bench.two_computers import (
     TwoComputers,
     two_computers,
 )
-from cardan.bus.node import BusNode
-from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.subprocesses import CardanSubprocess, cardan_subprocess
 from cardan.protocols.connexion.reports import encode_buttons, encode_motion
 from cardan.protocols.egm.messages import EgmMotion
-from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import Vector3
 from studies.cartesian.controller import START, datagram, obeyed
 
@@ -70,7 +70,6 @@ PERIOD_S = 0.004
 REPORT_S = 0.008
 """A SpaceMouse's, while it is deflected."""
 COUNTS = 150
-SPACENAV_AXIS = 0.3
 STROKE_S = 0.4
 """For so long the arm moves before the button is let go."""
 REST_S = 0.1
@@ -84,6 +83,7 @@ SWING_M = 1e-3
 by less than this, for up to a second. At its speed the arm goes so far in 10 ms."""
 SWING_WITHIN_S = 0.1
 """An arm that moves goes on by SWING_M sooner; one that brakes from this speed, by less than it."""
+GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
 READY_WITHIN_S, ACT_WITHIN_S = 60.0, 5.0
 PAIRED_WITHIN_S = 20.0
 
@@ -186,23 +186,55 @@ class Mouse(HandHeld):
             each.close()
 
 
-class Spacenav(HandHeld):
-    """Publisher of the messages of spacenav_node, on the router."""
+class Spacenavd(HandHeld):
+    """The daemon whose events spacenav_node polls."""
 
-    def __init__(self, node: BusNode) -> None:
-        self._codec = codec_of("sensor_msgs/msg/Joy")
-        self._publisher = node.publisher("/spacenav/joy", "sensor_msgs/msg/Joy")
+    def __init__(self, path: str) -> None:
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.bind(path)
+        self._socket.listen()
+        self._node: socket.socket | None = None
+        self._reported = (False, False)
+
+    def accept(self) -> None:
+        """Wait for the node."""
+        self._socket.settimeout(READY_WITHIN_S)
+        self._node = self._socket.accept()[0]
+        self._node.setblocking(False)
 
     def report(self) -> None:
-        """Publish once."""
-        now_ns = time.time_ns()
-        header = {
-            "stamp": {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9},
-            "frame_id": "",
-        }
-        axes = [0.0, SPACENAV_AXIS if self.axis else 0.0, 0.0, 0.0, 0.0, 0.0]
-        message = {"header": header, "axes": axes, "buttons": [int(self.buttons), 0]}
-        self._publisher.put(self._codec.encode(message), now_ns)
+        """Send an event for a changed button, and one for the axes while they are deflected."""
+        assert self._node is not None
+        if self._reported[0] != self.buttons:
+            self._send(PRESS if self.buttons else RELEASE, 0)
+        if self.axis or self._reported[1]:
+            self._send(MOTION, COUNTS if self.axis else 0)
+        self._reported = (self.buttons, self.axis)
+
+    def _send(self, kind: int, word: int) -> None:
+        assert self._node is not None
+        with contextlib.suppress(OSError):
+            self._node.send(EVENT.pack(kind, word, 0, 0, 0, 0, 0, 0))
+
+    def close(self) -> None:
+        """End the connection, and with it the node."""
+        for each in (self._node, self._socket):
+            if each is not None:
+                each.close()
+
+
+@contextlib.contextmanager
+def spacenav_node(path: str, router: str) -> Iterator[Spacenavd]:
+    """Run the node, and the daemon at `path` that it polls."""
+    daemon = Spacenavd(path)
+    process = subprocess.Popen([sys.executable, "-m", "bench.spacenav_node", path, router])
+    try:
+        daemon.accept()
+        yield daemon
+    finally:
+        daemon.close()
+        process.terminate()
+        process.wait()
 
 
 class Robot:
@@ -275,6 +307,8 @@ class Cell:
         self._cycle = 0
         self._slot_s = self._reported_s = time.monotonic()
         self._random = random.Random(0)
+        self._strokes: Counter[Robot] = Counter()
+        """Those that were begun, by robot."""
 
     def play(self, till_s: float) -> float:
         """Go on until `till_s`; return the time."""
@@ -315,6 +349,13 @@ class Cell:
             self.play(now_s + REST_S)
         return robot.went_s
 
+    def await_phase(self, robot: Robot) -> None:
+        """Go on until a phase of the robot's cycle: all of them in turn, and the same for each
+        robot, so that the wait for the next cycle is the same in all medians."""
+        phase = self._strokes[robot] * GOLDEN % 1.0
+        self._strokes[robot] += 1
+        self.play(self._slot_s + PERIOD_S * (1.0 + phase))
+
     def act(self, robot: Robot, **what: bool) -> float:
         """Have the operator do it, now; returns when."""
         for name, value in what.items():
@@ -346,6 +387,7 @@ class Cell:
         end_s = time.monotonic() + ACT_WITHIN_S
         while (now_s := time.monotonic()) < min(robot.moved_s + STILL_S, end_s):
             self.play(now_s + PERIOD_S)
+        self.await_phase(robot)
         begun_s = self.act(robot, axis=True)
         moved_s = self.moved_after(robot, begun_s)
         self.wait(STROKE_S)
@@ -415,8 +457,7 @@ def measure_speed(acts: int) -> Figures:
         near, far = Mouse(f"{name}/near"), Mouse(f"{name}/far")
         stack.callback(near.close)
         stack.callback(far.close)
-        node = BusNode(BusOptions(router=router, mode="client"), "spacenav")
-        spacenav = Spacenav(stack.enter_context(node))
+        spacenav = stack.enter_context(spacenav_node(f"{name}/spnav", router))
         stack.enter_context(shared(folder, f"{name}/far", ("--router", router)))
         robots: dict[str, Robot] = {}
         ways: dict[str, tuple[HandHeld, str, str]] = {

@@ -2,9 +2,9 @@
 
 :func:`open_device` and :func:`open_robot` open a driver by its name; :func:`devices` lists the
 operator devices that are plugged in. The driver classes (:class:`SpaceMouse`, :class:`AbbEgm`) and
-the types and errors that they use are attributes of this package, imported on first use: all of
-:mod:`cardan.api`. :mod:`cardan.gateway` connects a device to a robot; :mod:`cardan.sim_peers`
-simulates each piece of hardware at the level of its protocol.
+the types and errors that they use are attributes of this package, imported on first use;
+:mod:`cardan.api` lists them. :mod:`cardan.gateway` connects a device to a robot;
+:mod:`cardan.sim_peers` simulates each piece of hardware at the level of its protocol.
 """
 
 __version__ = "0.2.0"
@@ -30,7 +30,7 @@ else:
                 except api.ExtraMissingError as error:
                     import sys
 
-                    # The import system asks first, by hasattr, and would say only that the name
+                    # The import system tries hasattr first, and would report only that the name
                     # cannot be imported.
                     if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
                         raise

@@ -1,4 +1,5 @@
-"""The public interface: what ``import cardan`` gives. Drivers are imported when they are named."""
+"""Public interface: the names that ``import cardan`` provides. Drivers are imported on first
+use."""
 
 from __future__ import annotations
 
@@ -114,9 +115,9 @@ def open_device(driver: str, /, options: Any = None, **keywords: Any) -> Operato
 def open_device(driver: str, /, options: Any = None, **keywords: Any) -> OperatorDevice:
     """Open the operator device that `driver` names ("spacemouse") and its options choose.
 
-    The options are an `Options` object of the driver, or its fields as keywords. Close what is
-    returned, or use it in ``with``. Raises ConfigurationError for a name or an option that is
-    wrong, DeviceNotFoundError or DeviceAccessError when there is nothing to open.
+    The options are an `Options` object of the driver, or its fields as keywords. Close the device,
+    or use it in ``with``. Raises ConfigurationError for a wrong name or option, DeviceNotFoundError
+    or DeviceAccessError if it cannot be opened.
     """
     kind = registry.load(driver)
     if not issubclass(kind, OperatorDevice):
@@ -141,7 +142,8 @@ def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDri
 def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver:
     """Open the robot's controller that `driver` names ("abb_egm"), as :func:`open_device` does.
 
-    The robot may still be silent: its cycles report that. Raises ConfigurationError, DriverError.
+    A silent robot raises nothing here: its cycles report it. Raises ConfigurationError,
+    DriverError.
     """
     kind = registry.load(driver)
     if not issubclass(kind, RobotDriver):
@@ -152,10 +154,10 @@ def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDri
 
 
 def devices() -> list[FoundDevice]:
-    """The operator devices that are plugged in, each with its driver and what prevents opening it.
+    """List the plugged-in operator devices, each with its driver and any obstacle to opening it.
 
     Serial, CAN and network devices are not detected. Devices are opened only to identify them. A
-    driver that cannot be loaded, or whose search fails, is in the list with that as its obstacle.
+    driver that cannot be loaded, or whose search fails, is listed with that as its obstacle.
     """
     loaded = registry.load_all()
     found = [FoundDevice(name, "", "", "", why, name) for name, why in loaded.refused.items()]
@@ -189,7 +191,7 @@ def _names() -> set[str]:
 
 
 def _there() -> set[str]:
-    """Those whose packages are installed: importing the drivers takes none that may be missing."""
+    """Names whose packages are installed; importing a driver needs no optional package."""
     found = _names()
     for name in _HOMES.keys() - {each.rpartition(":")[2] for each in BUILT_IN.values()}:
         try:

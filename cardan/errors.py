@@ -1,7 +1,7 @@
-"""The errors Cardan raises, as a tree. Bad bytes from a peer are never among them.
+"""Tree of the errors that Cardan raises. Bad bytes from a peer raise none.
 
-Those that only one part raises live with it: their module stands behind them. Their page,
-docs/troubleshooting.md, says of each when it comes and what to do.
+An error that only one part raises is defined in the module named beside it. docs/troubleshooting.md
+lists causes and remedies.
 
 ::
 
@@ -46,13 +46,13 @@ if TYPE_CHECKING:
     from datetime import date, datetime, time
 
 _MOST_SHOWN = 300
-"""Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""
+"""Longest text of a value or key in a message, characters: enough for EGM's 40 numbers."""
 _MOST_REPORTED = 10
-"""Errors of a file that are told at once."""
+"""Most errors of a file that are reported at once."""
 _LINE_END = "\n"
-"""Stays in messages of several lines, as those about a file."""
+"""Separator of the lines in a message of several, such as those about a file."""
 _PLAIN_BITS = 256
-"""Python refuses to write whole numbers of more than 4300 digits."""
+"""Longest whole number shown in full, bits; Python refuses to write more than 4300 digits."""
 
 
 class _Brief(reprlib.Repr):
@@ -80,8 +80,8 @@ _BRIEF = _Brief()
 
 
 def shown(value: object) -> str:
-    """`value` in a message: as repr() has it, dates and times in words, but always short, and it
-    never fails."""
+    """Return `value` for a message: its repr(), shortened; dates and times in words. Never
+    raises."""
     try:
         return _bounded(_BRIEF.repr(value))
     except Exception:
@@ -97,7 +97,7 @@ def _restored(kind: type[CardanError], arguments: tuple[Any, ...]) -> CardanErro
 
 
 def _portable(value: object) -> object:
-    """`value`, or how it is shown where it cannot be pickled."""
+    """Return `value`, or its text if it cannot be pickled."""
     import pickle
 
     try:
@@ -108,7 +108,7 @@ def _portable(value: object) -> object:
 
 
 class CardanError(Exception):
-    """Base of everything Cardan raises on purpose. All of them can be pickled and copied."""
+    """Base of all errors that Cardan raises on purpose. All can be pickled and copied."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Those with attributes are not made of their message alone, as Exception has it.
@@ -118,11 +118,11 @@ class CardanError(Exception):
 
 class ConfigurationError(CardanError, ValueError):
     """A setting is wrong. `key` is its dotted path ("limits.linear_speed_m_s"), `place` the file,
-    the line and the column where it stands ("cell.toml:3:5"), or empty."""
+    the line and the column where it stands ("cell.toml:3:5"), or ""."""
 
     place = ""
     others: tuple[ConfigurationError, ...] = ()
-    """Further errors of the same file: a line each after this one's."""
+    """Further errors of the same file, shown on a line each."""
 
     def __init__(self, key: str, message: str) -> None:
         super().__init__(printable(f"{_bounded(key)}: {message}" if key else message, _LINE_END))
@@ -138,7 +138,7 @@ class ConfigurationError(CardanError, ValueError):
         return words.removeprefix(f"{printable(_bounded(self.key), _LINE_END)}: ")
 
     def below(self, table: str) -> ConfigurationError:
-        """The same error, of a setting in `table`."""
+        """Return the same error for a setting in `table`."""
 
         def below(error: ConfigurationError) -> ConfigurationError:
             found = error._of(".".join(filter(None, (table, error.key))))
@@ -149,7 +149,7 @@ class ConfigurationError(CardanError, ValueError):
     def each(
         self, change: Callable[[ConfigurationError], ConfigurationError]
     ) -> ConfigurationError:
-        """This error and the `others`, each as `change` makes it."""
+        """Return this error and the `others`, each changed by `change`."""
         error = copy.copy(change(self))
         error.others = tuple(map(change, self.others))
         return error
@@ -158,7 +158,7 @@ class ConfigurationError(CardanError, ValueError):
         return ConfigurationError(key, self.message)
 
     def placed(self, place: str) -> ConfigurationError:
-        """The same error, of a setting that stands there."""
+        """Return the same error with the place of the setting."""
         error = copy.copy(self)
         error.place = printable(place)
         error.args = (f"{error.place}: {self.args[0]}",)
@@ -178,7 +178,7 @@ class OptionError(ConfigurationError):
 
 
 def together(errors: Iterable[ConfigurationError]) -> ConfigurationError:
-    """The first of the errors of a file, and after it the others, each once and not too many."""
+    """Combine the errors of a file: the first one, with the others attached, without duplicates."""
     each_once = {str(one): one for error in errors for one in (_alone(error), *error.others)}
     first, *others = each_once.values()
     if (more := len(others) + 1 - _MOST_REPORTED) > 0:
@@ -196,7 +196,7 @@ def _alone(error: ConfigurationError) -> ConfigurationError:
 
 @contextlib.contextmanager
 def below(table: str) -> Iterator[None]:
-    """Errors of settings that are raised inside are of settings in `table`."""
+    """Prefix keys of errors raised inside with `table`."""
     try:
         yield
     except ConfigurationError as error:
@@ -205,7 +205,7 @@ def below(table: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def about(what: object) -> Iterator[None]:
-    """A ValueError that is raised inside becomes a ConfigurationError that begins with `what`."""
+    """Convert a ValueError raised inside to a ConfigurationError that begins with `what`."""
     try:
         yield
     except ValueError as error:
@@ -240,8 +240,8 @@ class CommandError(DriverError):
 
 
 class ExtraMissingError(DriverError):
-    """A package that only some users need is not installed; `extra` is that of Cardan's which
-    installs it ("arm")."""
+    """A package of an optional feature is not installed; `extra` ("arm") is Cardan's extra with
+    it."""
 
     def __init__(self, purpose: str, package: str, extra: str, reason: str) -> None:
         super().__init__(
@@ -251,18 +251,18 @@ class ExtraMissingError(DriverError):
         self.extra = extra
 
     def of_name(self) -> ExtraNameError:
-        """The same, for the ``__getattr__`` of a module."""
+        """Return the same error for the ``__getattr__`` of a module."""
         found = ExtraNameError.__new__(ExtraNameError, *self.args)
         found.extra = self.extra
         return found
 
 
 class ExtraImportError(ExtraMissingError, ImportError):
-    """The same, as ``except ImportError`` and ``pytest.importorskip`` expect it."""
+    """The same, as an ImportError for ``except ImportError`` and ``pytest.importorskip``."""
 
 
 class ExtraNameError(ExtraMissingError, AttributeError):
-    """The same of a name of a module, as ``hasattr`` and ``help`` expect it."""
+    """The same for a module's name, as an AttributeError for ``hasattr`` and ``help``."""
 
 
 def install_command(extra: str) -> str:
@@ -279,11 +279,11 @@ class CaptureError(CardanError):
 
 
 class MotionRefusedError(CardanError):
-    """A verb of the Cartesian interface was refused before anything moved; says why."""
+    """A verb of the Cartesian interface was refused, with the reason, before anything moved."""
 
 
 class OutOfReachError(MotionRefusedError):
-    """No joint positions put the TCP there: the arm comes no nearer than these numbers."""
+    """No joint positions put the TCP there. The fields say how near the arm can come."""
 
     def __init__(self, message: str, distance_m: float, angle_rad: float) -> None:
         super().__init__(message)
@@ -302,7 +302,7 @@ class JointLimitError(MotionRefusedError):
 
 
 class CollisionError(MotionRefusedError):
-    """Two bodies would meet, or come too near, after `share` (0..1) of the way."""
+    """Two bodies would touch, or come too near, after `share` (0..1) of the motion."""
 
     def __init__(self, message: str, pair: tuple[str, str], share: float) -> None:
         super().__init__(message)
@@ -311,4 +311,4 @@ class CollisionError(MotionRefusedError):
 
 
 class MotionLoopError(CardanError):
-    """The loop that drives the arm has ended, so nothing can be commanded any more."""
+    """The loop that drives the arm has ended: no more commands can be sent."""

@@ -18,8 +18,8 @@ _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to the last bit of a double."""
 
 _SKEW = 1e-3
-"""How far a rotation may be from one that keeps lengths and right angles, and still be meant: more
-than single precision and six printed digits leave."""
+"""Largest deviation of a matrix from orthonormal that counts as rounding: single precision and six
+printed digits stay below it."""
 
 
 def norm(v: Vector3) -> float:
@@ -53,7 +53,7 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 
 
 def limit_norm(v: Vector3, longest: float) -> Vector3:
-    """`v`, shortened to `longest` if it is longer; the direction stays."""
+    """Shorten `v` to `longest` if it is longer; the direction stays."""
     x, y, z = v
     length = math.sqrt(x * x + y * y + z * z)
     return v if length <= longest else scale(v, longest / length)
@@ -65,7 +65,7 @@ def is_finite(values: tuple[float, ...]) -> bool:
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The rotation `b` followed by `a` (both in the outer frame)."""
+    """Product of rotations: `b` followed by `a`, both in the outer frame."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return Quaternion(
@@ -82,7 +82,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def normalized(q: Quaternion) -> Quaternion:
-    """`q` at unit length. Raises ValueError where there is no direction to keep."""
+    """Scale `q` to unit length. Raises ValueError for a length of zero."""
     length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if not 1e-12 < length < math.inf:
         raise ValueError(f"quaternion {tuple(q)} has no direction")
@@ -90,14 +90,14 @@ def normalized(q: Quaternion) -> Quaternion:
 
 
 def same_hemisphere(q: Quaternion, reference: Quaternion) -> Quaternion:
-    """`q` or -q (the same rotation), whichever is nearer to `reference`."""
+    """Return `q` or -q (the same rotation), whichever is nearer to `reference`."""
     if q[0] * reference[0] + q[1] * reference[1] + q[2] * reference[2] + q[3] * reference[3] < 0:
         return Quaternion(-q[0], -q[1], -q[2], -q[3])
     return q
 
 
 def rotate(q: Quaternion, v: Vector3) -> Vector3:
-    """`v`, given in the frame that `q` orients, in the outer frame."""
+    """Express in the outer frame a vector `v` of the frame that `q` orients."""
     w, x, y, z = q
     vx, vy, vz = v
     tx = 2.0 * (y * vz - z * vy)
@@ -120,8 +120,8 @@ def from_rotation_vector(v: Vector3) -> Quaternion:
 
 
 def turned_by(q: Quaternion, by: Vector3) -> Quaternion:
-    """The orientation `q`, turned about `by` (a rotation vector in the outer frame)."""
-    # In every control cycle: exponential map, product and `normalized` written out.
+    """Rotate the orientation `q` by a rotation vector of the outer frame."""
+    # Called in every control cycle: exponential map, product and `normalized` are written out.
     x, y, z = by
     angle = math.sqrt(x * x + y * y + z * z)
     factor = 0.5 if angle < _SMALL_ANGLE else math.sin(0.5 * angle) / angle
@@ -159,7 +159,7 @@ def from_rows(rows: Sequence[Sequence[float]]) -> Quaternion:
     """The rotation of a matrix, its scalar not negative. Raises ValueError for one that is skewed,
     scaled or mirrored."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
-    # Each is the quaternion times 4 w, 4 x, 4 y or 4 z: the longest has the least error.
+    # Each row is the quaternion times 4 w, 4 x, 4 y or 4 z: the longest has the least error.
     found = max(
         (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
         (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx),
@@ -176,7 +176,7 @@ def from_rows(rows: Sequence[Sequence[float]]) -> Quaternion:
 
 
 def from_axes(x: Vector3, y: Vector3) -> Quaternion:
-    """The rotation that turns the axes x and y to these unit vectors at a right angle."""
+    """Rotation that maps the axes x and y to these perpendicular unit vectors."""
     axis = cross(Vector3(1.0, 0.0, 0.0), x)
     sine = norm(axis)
     if sine < 1e-10:
@@ -188,7 +188,7 @@ def from_axes(x: Vector3, y: Vector3) -> Quaternion:
 
 
 def rotation_between(a: Quaternion, b: Quaternion) -> Vector3:
-    """The rotation vector, in the outer frame, that turns `a` into `b` the short way, rad."""
+    """Shortest rotation vector from `a` to `b`, in the outer frame, rad."""
     return to_rotation_vector(multiply(b, conjugate(a)))
 
 
@@ -206,7 +206,7 @@ def from_euler_zyx(x: float, y: float, z: float) -> Quaternion:
 
 
 def from_rpy_deg(angles: Sequence[float]) -> Quaternion:
-    """The same for roll, pitch and yaw in degrees."""
+    """Convert roll, pitch and yaw in degrees, in the same convention."""
     x, y, z = map(math.radians, angles)
     return from_euler_zyx(x, y, z)
 
@@ -225,17 +225,17 @@ def to_euler_zyx(q: Quaternion) -> Vector3:
 
 
 def transform(pose: Pose, point: Vector3) -> Vector3:
-    """`point`, given in the frame that is at `pose`, in the outer frame."""
+    """Express in the outer frame a `point` of the frame at `pose`."""
     return add(pose.position, rotate(pose.orientation, point))
 
 
 def compose(outer: Pose, inner: Pose) -> Pose:
-    """`inner`, given in the frame that is at `outer`, in the frame of `outer`."""
+    """Express in the frame of `outer` a pose `inner` of the frame at `outer`."""
     orientation = normalized(multiply(outer.orientation, inner.orientation))
     return Pose(transform(outer, inner.position), orientation, outer.frame)
 
 
 def inverse(pose: Pose) -> Pose:
-    """The outer frame as seen from the frame that is at `pose`."""
+    """Pose of the outer frame in the frame at `pose`."""
     turned_back = conjugate(pose.orientation)
     return Pose(scale(rotate(turned_back, pose.position), -1.0), turned_back, pose.frame)

@@ -1,11 +1,11 @@
 """Value types that modules share.
 
-Every value is immutable, in SI units (meters, radians, seconds, newtons), and carries the frame
-it is expressed in and, where it is a reading or a command, the local monotonic time it belongs to.
+Every value is immutable, in SI units (meters, radians, seconds, newtons), and carries the frame it
+is expressed in and, where it is a reading or a command, its local monotonic time.
 
 They are named tuples because one is made in every control cycle: a frozen dataclass of the same
-size costs three to four times as much to create. docs/library.md has their orders and units beside
-those of others; what converts to another library imports it when it is called.
+size costs three to four times as much to create. docs/library.md compares their orders and units
+with other libraries'; conversions import the other library when called.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 NEVER_S = float("-inf")
-"""The stamp of something that has not happened yet: older than any age limit."""
+"""Stamp of something that has not happened yet: older than any age limit."""
 
 
 class Frame(enum.Enum):
@@ -30,7 +30,7 @@ class Frame(enum.Enum):
     TOOL = "tool"
     """The tool center point (TCP), moving with the robot."""
     MIXED = "mixed"
-    """Of twists only: linear along the base's axes, angular along the tool's."""
+    """For twists only: linear along the base's axes, angular along the tool's."""
 
 
 class Vector3(NamedTuple):
@@ -41,14 +41,14 @@ class Vector3(NamedTuple):
     z: float
 
     def to_ros(self) -> dict[str, float]:
-        """A geometry_msgs/Vector3, or Point, as a dict."""
+        """Convert to a geometry_msgs/Vector3 or Point as a dict."""
         return self._asdict()
 
 
 class Quaternion(NamedTuple):
     """A rotation as a unit quaternion, scalar first. q and -q are the same rotation.
 
-    Others have the scalar last (ROS, scipy, Pinocchio): give them what names its order.
+    ROS, scipy and Pinocchio have the scalar last: use `wxyz` and `xyzw` to be explicit.
     """
 
     w: float
@@ -57,11 +57,11 @@ class Quaternion(NamedTuple):
     z: float
 
     def wxyz(self) -> tuple[float, float, float, float]:
-        """Scalar first: ABB's RAPID and EGM, MuJoCo, Eigen's constructor."""
+        """Components, scalar first: ABB's RAPID and EGM, MuJoCo, Eigen's constructor."""
         return self.w, self.x, self.y, self.z
 
     def xyzw(self) -> tuple[float, float, float, float]:
-        """Scalar last: ROS, scipy, Pinocchio, Eigen's coefficients."""
+        """Components, scalar last: ROS, scipy, Pinocchio, Eigen's coefficients."""
         return self.x, self.y, self.z, self.w
 
     @classmethod
@@ -72,18 +72,18 @@ class Quaternion(NamedTuple):
 
     @classmethod
     def from_xyzw(cls, numbers: Sequence[float]) -> Quaternion:
-        """Make a quaternion of four numbers, scalar last, as scipy's ``as_quat()`` has them."""
+        """Make a quaternion of four numbers, scalar last, such as scipy's ``as_quat()``."""
         x, y, z, w = map(float, numbers)
         return cls(w, x, y, z)
 
     def as_scipy(self) -> Any:
-        """A `scipy.spatial.transform.Rotation`. Raises ImportError without scipy."""
+        """Convert to a `scipy.spatial.transform.Rotation`. Raises ImportError without scipy."""
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self.xyzw())
 
     def to_ros(self) -> dict[str, float]:
-        """A geometry_msgs/Quaternion as a dict."""
+        """Convert to a geometry_msgs/Quaternion as a dict."""
         return {"x": self.x, "y": self.y, "z": self.z, "w": self.w}
 
 
@@ -99,7 +99,7 @@ class Pose(NamedTuple):
     frame: Frame = Frame.BASE
 
     def matrix(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """4×4, homogeneous: times a point of the frame that is here it is the point in `frame`.
+        """Homogeneous 4×4 matrix: transforms points of the frame at this pose into `frame`.
 
         Raises ExtraMissingError without numpy.
         """
@@ -116,8 +116,8 @@ class Pose(NamedTuple):
 
     @classmethod
     def from_matrix(cls, matrix: Any, frame: Frame = Frame.BASE) -> Pose:
-        """Make a pose of a homogeneous 4×4 matrix: of numpy's, or of rows. Raises ValueError for
-        one that is no rigid motion (skewed, scaled, mirrored, transposed)."""
+        """Make a pose of a homogeneous 4×4 matrix (numpy's, or rows). Raises ValueError if it is no
+        rigid motion (skewed, scaled, mirrored, transposed)."""
         from cardan.spatial import from_rows
 
         rows = [tuple(map(float, row)) for row in matrix]
@@ -132,7 +132,7 @@ class Pose(NamedTuple):
         return cls(Vector3(x, y, z), from_rows([row[:3] for row in upper]), frame)
 
     def as_se3(self) -> Any:
-        """A `pinocchio.SE3`. Raises ExtraMissingError without the extra cardan[arm]."""
+        """Convert to a `pinocchio.SE3`. Raises ExtraMissingError without the extra cardan[arm]."""
         from cardan.common.arm_libraries import np, pin
         from cardan.spatial import normalized
 
@@ -140,12 +140,12 @@ class Pose(NamedTuple):
         return pin.SE3(turn, np.array(self.position))
 
     def to_ros(self) -> dict[str, dict[str, float]]:
-        """A geometry_msgs/Pose as a dict; `frame` is the header's business."""
+        """Convert to a geometry_msgs/Pose as a dict, without `frame`, which belongs in a header."""
         return {"position": self.position.to_ros(), "orientation": self.orientation.to_ros()}
 
     @classmethod
     def from_ros(cls, message: Mapping[str, Any]) -> Pose:
-        """Make a pose of a geometry_msgs/Pose as a dict, in the base's frame."""
+        """Make a pose of a geometry_msgs/Pose as a dict, in frame BASE."""
         p, q = message["position"], message["orientation"]
         return cls(Vector3(p["x"], p["y"], p["z"]), Quaternion(q["w"], q["x"], q["y"], q["z"]))
 
@@ -154,8 +154,8 @@ IDENTITY_POSE = Pose(ZERO3, IDENTITY)
 
 
 def _equals(self: tuple[Any, ...], other: object) -> bool:
-    """Equality that tells classes with the same fields apart; that of tuples does not. A plain
-    tuple is asked in turn, and compares as tuples do."""
+    """Equality that, unlike that of tuples, distinguishes classes with the same fields. Plain
+    tuples still compare by value."""
     return tuple.__eq__(self, other) if other.__class__ is self.__class__ else NotImplemented
 
 
@@ -176,7 +176,8 @@ class Twist(NamedTuple):
     __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__  # type: ignore[misc]
 
     def to_ros(self) -> dict[str, dict[str, float]]:
-        """A geometry_msgs/Twist as a dict; `frame` is the header's business."""
+        """Convert to a geometry_msgs/Twist as a dict, without `frame`, which belongs in a
+        header."""
         return {"linear": self.linear.to_ros(), "angular": self.angular.to_ros()}
 
 
@@ -193,7 +194,8 @@ class Wrench(NamedTuple):
     __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__  # type: ignore[misc]
 
     def to_ros(self) -> dict[str, dict[str, float]]:
-        """A geometry_msgs/Wrench as a dict; `frame` is the header's business."""
+        """Convert to a geometry_msgs/Wrench as a dict, without `frame`, which belongs in a
+        header."""
         return {"force": self.force.to_ros(), "torque": self.torque.to_ros()}
 
 
@@ -202,22 +204,22 @@ class Wrench(NamedTuple):
 
 
 class DeviceLink(enum.Enum):
-    """State of the link to an operator device: is its newest state usable?"""
+    """State of the link to an operator device; its axes count only while it is LIVE."""
 
     CLOSED = "closed"
     """Not opened, or closed on request."""
     LOST = "lost"
-    """Unplugged, read error, or not to be found; the driver keeps trying to open it again."""
+    """Unplugged, not found, or failed to read; the driver keeps trying to open it."""
     STALE = "stale"
-    """Open, but silent while deflected: the link is in trouble, the axes are given as zero."""
+    """Open, but silent while deflected: the axes are reported as zero."""
     NEEDS_NEUTRAL = "needs neutral"
-    """Talking, but not seen at rest since it was opened or lost: the axes are given as zero."""
+    """Reporting, but not seen at rest since opened or lost: the axes are reported as zero."""
     LIVE = "live"
-    """Usable: silence now means that the operator holds still."""
+    """Usable: silence means that the operator does not move it."""
 
 
 class ButtonEvent(NamedTuple):
-    """Edge of a button, in the order in which the device reported it."""
+    """Press or release of a button, in the order in which the device reported it."""
 
     stamp_s: float
     button: str
@@ -246,7 +248,7 @@ class Inertia(NamedTuple):
     acceleration: Vector3
     """Specific force, m/s²: at rest it is 9.81 upwards."""
     rates: Vector3 | None = None
-    """Turning rates, rad/s; None: it has no gyroscope, or it is not heard."""
+    """Angular rates, rad/s; None: the device has no gyroscope, or reports none now."""
 
 
 class DeviceState(NamedTuple):
@@ -262,13 +264,13 @@ class DeviceState(NamedTuple):
     pose: Pose | None = None
     """Pose of the device, for devices that measure one (frame: the device's base)."""
     battery: float | None = None
-    """Charge, 0..1, where the device reports it."""
+    """Battery charge, 0..1, if the device reports it."""
     reason: str = ""
     """Reason why `link` is not LIVE; empty when it is."""
     wrench: Wrench | None = None
     """Measured force and torque, for force-torque sensors."""
     inertia: Inertia | None = None
-    """For devices with an accelerometer, while it is heard."""
+    """Inertial readings, if the device reports them."""
 
 
 class DeviceCapabilities(NamedTuple):
@@ -285,7 +287,7 @@ class DeviceCapabilities(NamedTuple):
     gives_inertia: bool = False
     """True: `DeviceState.inertia` is measured."""
     further_buttons: tuple[str, ...] = ()
-    """Buttons that it may have beside `buttons`, which others count for it."""
+    """Buttons that the device may have besides `buttons`, for which another device's count."""
 
 
 class DeviceFeedback(NamedTuple):
@@ -305,24 +307,24 @@ class RobotLink(enum.Enum):
     """State of the link to the robot's controller."""
 
     WAITING = "waiting"
-    """Nothing was ever heard."""
+    """Nothing received yet."""
     LIVE = "live"
     LOST = "lost"
-    """Heard before, silent now."""
+    """Received before, silent now."""
 
 
 class RobotState(NamedTuple):
-    """State of a robot at one of its control instants, or its silence."""
+    """State of a robot at one of its control instants, or report of its silence."""
 
     stamp_s: float
     """Local monotonic time of reception (of this tick, when the link is not LIVE), s."""
     link: RobotLink
     session: int
-    """Counts the controller's sessions. When it changes, earlier targets are void."""
+    """Count of the controller's sessions. When it changes, earlier targets are void."""
     sequence: int
     """The controller's sequence number of this state."""
     period_s: float
-    """Time since the control instant before this one, by the robot's clock, s."""
+    """Time since the previous control instant, by the robot's clock, s."""
     joints: tuple[float, ...]
     """Measured joint positions in kinematic order, rad."""
     external_axes: tuple[float, ...]
@@ -330,18 +332,18 @@ class RobotState(NamedTuple):
     pose: Pose | None
     """Measured TCP pose."""
     hold_reason: str
-    """Reason why commands would not act now ("motors are off"); empty when they do."""
+    """Reason why commands would have no effect now ("motors are off"); empty when they do."""
     wrench: Wrench | None = None
     utilization: float | None = None
-    """Share of the robot's ability the last reference needed; above 1 it was shortened."""
+    """Share of the robot's limits that the last reference needed; above 1 it was shortened."""
     clock_s: float | None = None
     """The controller's own clock, s since the Unix epoch."""
     alarm: str = ""
     """Reason why the robot must not be driven although commands act (the port is flooded)."""
     velocities: tuple[float, ...] = ()
-    """Measured joint velocities, rad/s or m/s; empty where the robot does not report them."""
+    """Measured joint velocities, rad/s or m/s; empty if the robot does not report them."""
     torques: tuple[float, ...] = ()
-    """Measured joint torques, N·m or N; empty where the robot does not report them."""
+    """Measured joint torques, N·m or N; empty if the robot does not report them."""
 
     @property
     def ready(self) -> bool:
@@ -362,25 +364,25 @@ class CommandKind(enum.Enum):
 
 
 class HoldCommand(NamedTuple):
-    """Stay at the last commanded position with zero speed (the measured one before any)."""
+    """Hold the last commanded position with zero speed (before any, the measured one)."""
 
     kind: CommandKind = CommandKind.HOLD
 
 
 class JointCommand(NamedTuple):
-    """Be at `positions` now, moving at `velocities` (feed-forward)."""
+    """Joint position target for now, with velocity feed-forward."""
 
     positions: tuple[float, ...]
-    """rad, kinematic order."""
+    """Kinematic order, rad."""
     velocities: tuple[float, ...] | None = None
     """rad/s."""
     external_axes: tuple[float, ...] = ()
-    """rad or m."""
+    """External axes, rad or m."""
     kind: CommandKind = CommandKind.JOINT
 
 
 class PoseCommand(NamedTuple):
-    """Have the TCP at `pose` (frame BASE) now, moving at `twist` (feed-forward, frame BASE)."""
+    """TCP pose target for now, with `twist` as feed-forward; both in frame BASE."""
 
     pose: Pose
     twist: Twist | None = None
@@ -389,21 +391,21 @@ class PoseCommand(NamedTuple):
 
 
 class JointVelocityCommand(NamedTuple):
-    """Move at `velocities`, rad/s, with no position to hold."""
+    """Joint velocities, rad/s, with no position to hold."""
 
     velocities: tuple[float, ...]
     kind: CommandKind = CommandKind.JOINT_VELOCITY
 
 
 class TwistCommand(NamedTuple):
-    """Move the TCP at `twist` (frame BASE) with no position to hold."""
+    """TCP velocity (frame BASE), with no position to hold."""
 
     twist: Twist
     kind: CommandKind = CommandKind.TWIST
 
 
 class TorqueCommand(NamedTuple):
-    """Exert `torques` at the joints; they have to compensate gravity themselves."""
+    """Joint torques, gravity compensation included."""
 
     torques: tuple[float, ...]
     """N·m (N for a prismatic joint), kinematic order."""
@@ -414,9 +416,9 @@ class PathCorrectionCommand(NamedTuple):
     """Shift the programmed path sideways; only y and z of the path frame act."""
 
     offset: Vector3
-    """m, in the sensor tool frame."""
+    """Offset in the sensor tool frame, m."""
     age_s: float
-    """Age of the measurement behind it, s."""
+    """Age of the measurement that it is based on, s."""
     kind: CommandKind = CommandKind.PATH_CORRECTION
 
 
@@ -432,7 +434,7 @@ RobotCommand = (
 
 
 class JointLimits(NamedTuple):
-    """Range and speed of each joint, kinematic order."""
+    """Range, speed and acceleration of each joint, in kinematic order."""
 
     lower: tuple[float, ...]
     """rad."""
@@ -446,8 +448,8 @@ class JointLimits(NamedTuple):
     def reduced(
         self, velocity: tuple[float, ...], acceleration: tuple[float, ...], speed_share: float
     ) -> JointLimits:
-        """These, at `speed_share` of each speed, which is at most that of `velocity`; with
-        `acceleration` instead of their own. Empty: as they are."""
+        """Return these limits with each speed scaled by `speed_share` and capped by `velocity`, and
+        with `acceleration` in place of their own. An empty argument changes nothing."""
         speeds = map(min, velocity or self.velocity, self.velocity)
         return self._replace(
             velocity=tuple(speed_share * speed for speed in speeds),
@@ -464,10 +466,10 @@ class RobotCapabilities(NamedTuple):
     limits: JointLimits | None = None
     digital_outputs: int = 0
     analog_outputs: int = 0
-    """Numbers that travel to the controller's program with each command."""
+    """Count of numbers that each command can carry to the controller's program."""
     linear_speed_m_s: float | None = None
     """Highest TCP speed that the driver sends; None: it has no such limit."""
     angular_speed_rad_s: float | None = None
-    """Highest turning speed of the TCP that the driver sends; None: it has no such limit."""
+    """Highest angular speed of the TCP that the driver sends; None: it has no such limit."""
     lag_s: float = 0.0
-    """Longest normal delay of measured behind commanded joints, s."""
+    """Longest normal lag of the measured joints behind the commanded ones, s."""

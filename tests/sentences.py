@@ -17,6 +17,8 @@ PRONOUN = re.compile(rf"(?:^|(?<=[.:;!?]\s)){_BEGINS}[^.?]*")
 """A sentence, or a part after a colon or semicolon, whose subject is a pronoun."""
 MAYBE = re.compile(rf'(?:"|#|[.:;!?]\s)\s*{_BEGINS}')
 """In a source that may have one: others need not be parsed."""
+NO_NOUN = re.compile(r"\s*(?:As|Of|Where|Whose)\b")
+"""Beginning of a docstring that should begin with an imperative or a noun."""
 LONGEST = 120
 """Of a sentence in a message, characters."""
 

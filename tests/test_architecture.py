@@ -17,7 +17,7 @@ import pytest
 from cardan.common.tables import read_toml
 from cardan.drivers import registry
 from tests.docs_tables import ours
-from tests.sentences import MAYBE, begun_with_a_pronoun, comments, docstrings, strings
+from tests.sentences import MAYBE, NO_NOUN, begun_with_a_pronoun, comments, docstrings, strings
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 SOURCE_TREE = PACKAGE.parent
@@ -637,6 +637,26 @@ def test_the_subject_of_a_sentence_is_a_thing_of_the_field():
     assert found == []
 
 
+def begun_without_a_noun(source):
+    return [f"{line}: {said[:60]}" for line, said in docstrings(source) if NO_NOUN.match(said)]
+
+
+def test_a_docstring_begins_with_an_imperative_or_a_noun():
+    found = {
+        path.relative_to(SOURCE_TREE).as_posix(): said
+        for path, text in own_sources()
+        if path.relative_to(SOURCE_TREE).parts[0] == "cardan"
+        and path.name != "requirements.py"  # Reports have their texts.
+        if (said := begun_without_a_noun(text))
+    }
+    assert found == {}
+
+
+def test_docstrings_that_begin_without_a_noun_are_found():
+    source = 'def f():\n    """Of a joint."""\n\n\ndef g():\n    """Offset, where known."""\n'
+    assert begun_without_a_noun(source) == ["2: Of a joint."]
+
+
 def test_comments_that_begin_with_a_pronoun_are_found():
     source = "a = 1  # Whose is it?\n# What comes late\n# is dropped. Others wait.\n"
     found = [(line, begun_with_a_pronoun(said)) for line, said in comments(source)]
@@ -646,12 +666,12 @@ def test_comments_that_begin_with_a_pronoun_are_found():
 HUMAN_HANDS = {
     "cardan/common": "bounds.py haptics.py troubles.toml",
     "cardan/demos": "demo.py",
-    "cardan/drivers": "ihaptic.py remote/core.py remote/options.py remote/shared.py spnav/core.py",
+    "cardan/drivers": "ihaptic.py spnav/core.py",
     "cardan/gateway": "bus/haptic_server.py bus/sharing.py daemon/figures.py",
     "cardan/gateway/force": "__init__.py conditioning.py crossfade.py figures.py fixtures.py "
     "input.py link.py network.py passive.py rendering.py snapshot.py sources.py stability.py "
     "tables.py watchdog.py",
-    "cardan/gateway/session": "config.py force_assembly.py terminal_view.py",
+    "cardan/gateway/session": "force_assembly.py terminal_view.py",
     "cardan/robots": "amor.toml",
     "docs": "adding-a-driver.md configuration.md evaluation.md force-feedback.md phone.md "
     "remote.md ros2.md stability.md tutorials/force.md",

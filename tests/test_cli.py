@@ -120,7 +120,7 @@ def test_check_says_what_moves_an_arm_without_a_device(tmp_path):
 
 def test_run_without_a_device_shows_an_arm_that_holds():
     text = cardan("run", EXAMPLES / "verbs-ur5-simulated.toml", "--seconds", "1")
-    assert "disarmed  hand –, robot live" in text
+    assert "disarmed  device –, robot live" in text
     assert "moving 0.0 s" in text
 
 

@@ -21,19 +21,19 @@ DDS_DOMAIN = Range(-1, 232, "", "beyond it DDS has no ports")
 
 @dataclass(frozen=True, kw_only=True)
 class DdsOptions(Options):
-    """How to be on DDS. Of this computer alone, unless `dds_config` or CYCLONEDDS_URI say more."""
+    """Options to join DDS: on loopback, unless `dds_config` or CYCLONEDDS_URI configure more."""
 
     dds_domain: Annotated[int, DDS_DOMAIN] = -1
-    """ROS_DOMAIN_ID on DDS; -1: that of the environment, 0 where there is none."""
+    """ROS_DOMAIN_ID on DDS; -1: that of the environment, or 0 if it has none."""
     dds_config: Annotated[str, DDS_CONFIG] = ""
-    """Configuration of Cyclone DDS: XML, or file://PATH. Empty: CYCLONEDDS_URI where that is set,
-    or else loopback alone."""
+    """Configuration of Cyclone DDS: XML, or file://PATH. Empty: CYCLONEDDS_URI if it is set, else
+    loopback alone."""
     dds_distribution: Literal["humble", "iron and later"] = "iron and later"
     """ROS 2 distribution on DDS: up to Humble, announcements of nodes have longer ids."""
 
     @property
     def number(self) -> int:
-        """The domain. Raises ConfigurationError where the environment's is none."""
+        """Return the domain. Raises ConfigurationError if the environment's is not valid."""
         if self.dds_domain >= 0:
             return self.dds_domain
         text = os.environ.get(DOMAIN_VARIABLE, "") or "0"

@@ -1,4 +1,4 @@
-"""Takes a robot's description from the bus, where ROS 2's robot_state_publisher has it."""
+"""Reads a robot's description from the bus, where ROS 2's robot_state_publisher publishes it."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ TOPIC: Final = "/robot_description"
 TYPE: Final = "std_msgs/msg/String"
 
 ARRIVES_WITHIN_S: Final = 5.0
-"""Longest wait for the text of a known publisher: a latched text comes at once, and other
+"""Longest wait for the text of a known publisher: a latched text arrives at once, and other
 publishers send theirs about once a second."""
 
 OTHERS_WITHIN_S: Final = 1.0
-"""How long after the first text others are listened for: peers that learn of each other from a
+"""How long other publishers are awaited after the first text: peers that learn of each other from a
 router connect within a second."""
 
 TEXTS_KEPT: Final = 20
 
 OPTION: Final = "--from-topic"
-"""Option of the command that asks for it."""
+"""Command option that requests it."""
 
 _BEFORE_ROBOT = re.compile(r"\A[\ufeff\s]*(<\?xml.*?\?>\s*)?", re.DOTALL)
-"""A declaration of XML speaks of the file that a text was read from."""
+"""An XML declaration describes the encoding of the file that the text was read from."""
 
 
 class Description(NamedTuple):
-    """A robot's description, and where it is from."""
+    """Robot description and its origin."""
 
     text: str
     origin: str
@@ -47,7 +47,7 @@ class Description(NamedTuple):
 
 
 def topic_of(name: str) -> str:
-    """A topic's full name. Raises ConfigurationError."""
+    """Return a topic's full name. Raises ConfigurationError."""
     try:
         return checked_name(name or TOPIC)
     except RosNameError as error:
@@ -55,7 +55,7 @@ def topic_of(name: str) -> str:
 
 
 def describe(topic: str, options: BusOptions) -> Description:
-    """The text that is published as `topic`.
+    """Return the text that is published on `topic`.
 
     Raises ConfigurationError if no node publishes one in time, or several that differ;
     ExtraMissingError, DriverError.
@@ -93,7 +93,8 @@ def describe(topic: str, options: BusOptions) -> Description:
 
 
 def agreed(topic: str, publishers: Sequence[str], messages: Iterable[bytes]) -> str:
-    """The one text of all messages, without a declaration of XML. Raises ConfigurationError."""
+    """Return the common text of all messages, without an XML declaration, or raise
+    ConfigurationError."""
     texts = dict.fromkeys(_text(topic, publishers, data) for data in messages)
     if len(texts) > 1:
         raise ConfigurationError(

@@ -16,11 +16,11 @@ from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError
 
 DISCOVERY_S = 2.0
-"""How long it waits: peers that learn of each other from a router connect within a second."""
+"""Time of discovery: peers that learn of each other from a router connect within a second."""
 
 APPEARS_WITHIN_S = 5.0
-"""How long a topic is waited for: peers that learn of each other from a router connect within a
-second, and a session opens its arm's model in two."""
+"""Longest wait for a topic: peers that learn of each other from a router connect within a second,
+and a session opens its arm's model in two."""
 
 
 class Discovery(NamedTuple):
@@ -30,14 +30,14 @@ class Discovery(NamedTuple):
     topics: Mapping[str, Topic]
     services: Mapping[str, ServiceInfo]
     routers: int
-    """How many routers are connected."""
+    """Number of connected routers."""
     peers: int
-    """How many other sessions of Zenoh are connected directly."""
+    """Number of other Zenoh sessions that are connected directly."""
 
 
 def reachable(options: BusOptions) -> BusOptions:
     """Return options by which another process reaches a node with these options: by the same
-    router, or without one at the endpoint where that listens."""
+    router, or without one at the endpoint where the node listens."""
     router = options.router
     if not router:
         fixed = (each for each in options.listen if not each.endswith(":0"))
@@ -48,7 +48,7 @@ def reachable(options: BusOptions) -> BusOptions:
 
 
 def bus_words(options: BusOptions) -> list[str]:
-    """How ``cardan net server`` learns of a bus."""
+    """Return the options of ``cardan net server`` that select a bus."""
     words = {
         "domain": str(options.domain),
         "router": options.router,
@@ -60,7 +60,7 @@ def bus_words(options: BusOptions) -> list[str]:
 
 
 def discover(options: BusOptions) -> Discovery:
-    """Join the bus, wait, and look around. Raises ExtraMissingError, ConfigurationError, or
+    """Join the bus, wait, and return the graph. Raises ExtraMissingError, ConfigurationError, or
     DriverError."""
     with BusNetwork(options, f"cardan_network_{time.time_ns() % 10**9}") as network:
         time.sleep(DISCOVERY_S)
@@ -76,8 +76,8 @@ def discover(options: BusOptions) -> Discovery:
 
 
 def published(network: BusNetwork, name: str, key: str, remedy: str = "") -> Topic:
-    """Return the topic, once a node publishes it. Raises ConfigurationError, of the setting `key`,
-    if none does in time; `remedy`: further advice for the message."""
+    """Return the topic once a node publishes it. Raises ConfigurationError for the setting `key` if
+    none does in time; `remedy`: further advice for the message."""
     options = network.node.options
     if not network.wait_for_publisher(name, APPEARS_WITHIN_S):
         others = [each for each in routers_here() if each != options.router]
@@ -93,14 +93,14 @@ def published(network: BusNetwork, name: str, key: str, remedy: str = "") -> Top
 
 
 def met_by(options: BusOptions) -> str:
-    """How others are met with these options, in words."""
+    """Describe how others are met with these options."""
     if options.zenoh_config:
         return f"as {options.zenoh_config} has it"
     return f"by the router {options.router}" if options.router else "without a router"
 
 
 def remedies(options: BusOptions, found: Discovery) -> list[str]:
-    """Advice if no node was found, in sentences; empty if one was."""
+    """Return advice in sentences if no node was found; empty if one was."""
     if found.nodes:
         return []
     if found.routers and options.mode == "peer":
@@ -138,7 +138,7 @@ def remedies(options: BusOptions, found: Discovery) -> list[str]:
 
 
 def unseen(found: Discovery) -> str:
-    """Describe what discovery cannot see, in a sentence; empty if nothing."""
+    """Describe in a sentence what discovery cannot see; empty if nothing."""
     if not any(name == f"/{SERVER_NODE}" for name in found.nodes):
         return ""
     return (

@@ -1,4 +1,4 @@
-"""Writes the packages of messages that no distribution of ROS 2 has into a folder."""
+"""Writes the message packages that no distribution of ROS 2 has into a folder."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from cardan.protocols.ros2.packages import PACKAGES, package_files
 
 
 def write_packages(folder: Path) -> list[Path]:
-    """Write the packages into `folder`, where nothing of their names may be; their folders. Raises
-    ConfigurationError."""
+    """Write the packages into `folder`, which must have no entries of their names; return their
+    folders. Raises ConfigurationError."""
     places = [folder / package for package in PACKAGES]
     if there := [str(place) for place in places if place.exists()]:
         raise ConfigurationError(

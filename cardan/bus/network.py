@@ -15,7 +15,7 @@ class Topic(NamedTuple):
     """Full names of the nodes that publish."""
     subscribers: tuple[str, ...] = ()
     latched: bool = False
-    """Whether a subscription begins with the last messages (transient local)."""
+    """True if a subscription begins with the last messages (transient local)."""
 
 
 class ServiceInfo(NamedTuple):
@@ -28,20 +28,20 @@ class ServiceInfo(NamedTuple):
 
 
 class NetworkError(Exception):
-    """The network cannot carry out a request; the text says why."""
+    """Request that the network cannot carry out; the text gives the reason."""
 
 
 class Failure(NamedTuple):
-    """Why a call has no reply."""
+    """Reason why a call has no reply."""
 
     reason: str
 
 
 class Handle(Protocol):
-    """Something that is on the network until it is closed."""
+    """Subscription, publisher or service on the network until it is closed."""
 
     def close(self) -> None:
-        """Take it from the network; nothing calls back afterwards. Twice is fine."""
+        """Remove it from the network; no callback follows. May be called twice."""
 
 
 class PublisherHandle(Handle, Protocol):
@@ -50,8 +50,8 @@ class PublisherHandle(Handle, Protocol):
     def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
         """Publish a message: plain CDR with its encapsulation, of exact length.
 
-        `sent_ns`: when its original sender sent it, ns since the epoch, so that its reader sees how
-        long it was on its way; 0: now. DDS always says now."""
+        `sent_ns`: time when the original sender sent it, ns since the epoch, for the reader's
+        measurement of latency; 0: now. DDS always stamps the present time."""
 
 
 Heard = Callable[[bytes, int], None]
@@ -61,7 +61,7 @@ Answered = Callable[["bytes | Failure"], None]
 """The reply to a call: CDR with its encapsulation."""
 
 Asked = Callable[[bytes, Answered], None]
-"""A request to an offered service, and the callback for its reply, called once."""
+"""Request to an offered service, and the callback for its reply, to be called once."""
 
 
 class Network(Protocol):
@@ -81,11 +81,11 @@ class Network(Protocol):
         """Full names of all nodes."""
 
     def subscribe(self, topic: str, type_name: str | None, heard: Heard) -> Handle:
-        """Have `heard` called with each message; None: of whatever type. A topic that is latched
-        begins with its last messages. Raises NetworkError."""
+        """Call `heard` with each message; type None: any type. A latched topic begins with its last
+        messages. Raises NetworkError."""
 
     def advertise(self, topic: str, type_name: str, latched: bool) -> PublisherHandle:
-        """A publisher; `latched`: for later subscriptions too. Raises NetworkError."""
+        """Return a publisher; `latched`: for later subscriptions too. Raises NetworkError."""
 
     def call(
         self,
@@ -95,15 +95,15 @@ class Network(Protocol):
         answered: Answered,
         timeout_s: float | None,
     ) -> None:
-        """Call a service; `answered` is called once, after `timeout_s` (None: any time) with a
-        Failure. Raises NetworkError."""
+        """Call a service; `answered` is called once, with a Failure after `timeout_s` (None: no
+        limit). Raises NetworkError."""
 
     def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
         """Offer a service; `asked` is called with each request. Raises NetworkError."""
 
     def part(self, name: str) -> Network:
-        """The same network as a node of its own, for one client of a server: the client's endpoints
-        vanish with it, and a motion without end that it requested ends. Raises DriverError."""
+        """Return the same network as a separate node, for one client of a server: the client's
+        endpoints and the motions without end that it requested end with it. Raises DriverError."""
 
     def close(self) -> None:
-        """Leave the network, and close all that is still open. Never raises; twice is fine."""
+        """Leave the network, and close all open endpoints. Never raises; may be called twice."""

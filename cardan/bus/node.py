@@ -1,7 +1,7 @@
 """A ROS 2 node on the Zenoh bus, as rmw_zenoh makes one: publishers, subscriptions, services.
 
-Nothing here calls back into Python. Messages wait in bounded channels of Zenoh's own threads until
-they are polled, so that a loop decides when it has time for them.
+Messages wait in bounded channels of Zenoh's own threads until a loop polls them; no callback into
+Python.
 """
 
 from __future__ import annotations
@@ -46,43 +46,43 @@ from cardan.protocols.ros2.zenoh import (
     token_pattern,
 )
 
-if TYPE_CHECKING:  # Sessions without a bus do without it.
+if TYPE_CHECKING:  # Sessions without a bus do not need the package.
     import zenoh
 
 REQUESTS_KEPT = 32
-"""Requests to a service that wait for their turn; of more, the oldest are not answered."""
+"""Largest number of waiting requests to a service; beyond it the oldest get no reply."""
 
 TOKENS_KEPT = 16_384
-"""Tokens that wait for their turn: more than all nodes of a large robot have, because a lost token
-would keep a node on the bus that has left."""
+"""Largest number of waiting tokens: more than all nodes of a large robot have, because a lost token
+would keep a departed node in the graph."""
 
 LEASE_MS = 2000
-"""How long others wait for a sign of life of ours before they take us for gone: as long as a source
-keeps the authority that it does not renew. Zenoh sends one four times in it."""
+"""Zenoh lease: time without a sign of life after which peers drop this session. A source keeps its
+authority as long without renewal. Zenoh sends a sign of life four times in it."""
 
 CLIENT_CONNECT_MS = 5000
-"""How long a client waits for its router, without which it cannot begin: a router started at the
+"""Longest wait of a client for its router, without which it cannot begin: a router started at the
 same time takes two seconds on a small computer."""
 
 RETRY_MS = 200, 2000
 """First and longest pause between attempts to connect."""
 
 CALL_TIMEOUT_S = 5.0
-"""Longest wait for a service's reply, unless its caller says otherwise."""
+"""Longest wait for a service's reply, unless the caller sets another."""
 
 TX_BATCHES = 16
-"""Batches of 64 kB that wait for a link, as many as Zenoh allows: with its two, a link that stands
-still for 40 ms loses messages of a session that is recorded."""
+"""Number of 64 kB batches that wait for a link, the largest that Zenoh allows: with its default of
+two, a link that stalls for 40 ms loses messages of a session that is recorded."""
 
 SEND_BYTES = 32_768
-"""Size of a link's buffer in the kernel, which doubles it: its content goes before any command.
-With the kernel's own size, 2 MB and more of pictures are ahead of an answer, 8 s at 2 Mbit/s."""
+"""Size of a link's buffer in the kernel, which doubles it: its content is sent before any command.
+With the kernel's default, 2 MB and more of images precede a reply, 8 s at 2 Mbit/s."""
 
 _log = logging.getLogger(__name__)
 
 _GID_BYTES = 16
 _PLACE = re.compile(r" at \S*\.rs:\d+\.?")
-"""Place in Zenoh's sources that an error came from."""
+"""Place in Zenoh's sources that raised an error."""
 _NETWORK = "the network"
 
 
@@ -90,14 +90,14 @@ class Urgency(Enum):
     """Priority on a full link; by the names of Zenoh's priorities."""
 
     COMMAND = "INTERACTIVE_HIGH"
-    """Also calls of services, whose answers have it, too."""
+    """Commands, and calls of services with their replies."""
     STATE = "DATA"
-    """State of all nodes of ROS 2."""
+    """Default of ROS 2 nodes."""
     PICTURE = "BACKGROUND"
 
     @property
     def priority(self) -> Any:
-        """Zenoh's."""
+        """Return Zenoh's priority."""
         return getattr(zenoh_module().Priority, self.value)
 
 
@@ -107,19 +107,19 @@ class Received(NamedTuple):
     data: bytes
     """CDR with its encapsulation."""
     key: str
-    """Key expression; its last two parts are the type and the type hash that the sender has."""
+    """Key expression; its last two parts are the sender's type and type hash."""
     attachment: Attachment | None
     stamp: Any = None
     """Zenoh's timestamp, None if it has none."""
 
     @property
     def zid(self) -> str:
-        """Id of the Zenoh session that gave it its timestamp; empty: none did."""
+        """Return the id of the Zenoh session that stamped it; empty if none did."""
         return "" if self.stamp is None else str(self.stamp.get_id())
 
 
 class TokenWatch:
-    """The liveliness tokens of the bus: which there are, and which come and go."""
+    """Liveliness tokens on the bus: the present ones, and changes."""
 
     def __init__(self, node: BusNode, key: str) -> None:
         zenoh = zenoh_module()
@@ -129,20 +129,20 @@ class TokenWatch:
         self._try_recv = self._watcher.handler.try_recv
 
     def poll(self) -> tuple[str, bool] | None:
-        """The next token that has appeared (True) or vanished; None where there is none."""
+        """Return the next token that has appeared (True) or vanished (False), or None."""
         sample = self._try_recv()
         return None if sample is None else (str(sample.key_expr), sample.kind == self._put)
 
 
 class Publisher:
-    """Publishes messages of one type on one topic. For one thread."""
+    """Publisher of messages of one type on one topic. For one thread."""
 
     def __init__(self, node: BusNode, entity: Entity, key: str, *, express: bool = False) -> None:
         self.entity = entity
         self._attachment = bytearray(ATTACHMENT.size)
         self._gid = gid_of(entity, node.options.domain)
         self._sequence = 0
-        # Of a session: more than wait for a link one by one go together. It costs up to 1 ms.
+        # For a session: messages that wait for a link are sent in batches. It costs up to 1 ms.
         urgency = Urgency.COMMAND if express else Urgency.STATE
         self._publisher = node.declare_publisher(key, entity.qos, express, urgency)
         self._reliable = self._publisher
@@ -150,7 +150,7 @@ class Publisher:
             reliable = entity.qos._replace(reliable=True)
             self._reliable = node.declare_publisher(key, reliable, express, urgency)
         self._gone = contextlib.suppress(zenoh_module().ZError)
-        """The bus is closed, while another thread publishes still."""
+        """The bus was closed while another thread still publishes."""
         self._token = node.declare_token(entity)
 
     def put(self, data: bytes | bytearray, now_ns: int) -> None:
@@ -159,13 +159,13 @@ class Publisher:
         self.put_as(self._sequence, data, now_ns)
 
     def put_as(self, sequence: int, data: bytes | bytearray, now_ns: int) -> None:
-        """The same with a number of the caller's, for a simulated network that loses, repeats or
-        exchanges messages."""
+        """Publish with a given sequence number, for a simulated network that loses, repeats or
+        reorders messages."""
         self._put(self._publisher, sequence, data, now_ns)
 
     def put_reliably(self, data: bytes | bytearray, now_ns: int) -> None:
-        """Publish one that nothing replaces, by a publisher whose others may be lost. It may
-        overtake those before it."""
+        """Publish reliably a message that no later one replaces, on a best-effort publisher. It may
+        overtake earlier ones."""
         self._sequence += 1
         self._put(self._reliable, self._sequence, data, now_ns)
 
@@ -177,7 +177,7 @@ class Publisher:
 
     @property
     def heard(self) -> bool:
-        """True if there is a subscriber; always true of a latched topic."""
+        """Return True if there is a subscriber; always true for a latched topic."""
         status = getattr(self._publisher, "matching_status", None)
         return status is None or bool(status.matching)
 
@@ -190,7 +190,7 @@ class Publisher:
 
 
 class Subscription:
-    """Receives the messages of one topic, whatever type their sender gives them."""
+    """Subscription to one topic, whatever type the senders declare."""
 
     def __init__(self, node: BusNode, entity: Entity, key: str, depth: int) -> None:
         self.entity = entity
@@ -200,7 +200,7 @@ class Subscription:
         self._token = node.declare_token(entity)
 
     def poll(self) -> Received | None:
-        """The oldest message that is kept, None where there is none."""
+        """Return the oldest message in the queue, or None."""
         sample = self._try_recv()
         return None if sample is None else _received(sample)
 
@@ -221,11 +221,11 @@ def _received(sample: Any) -> Received:
 
 
 class WaitingSubscription:
-    """Receives the messages of one topic in a thread that sleeps until one comes.
+    """Subscription to one topic for a thread that sleeps until a message arrives.
 
-    Zenoh's channels wait for ever or not at all. So its thread puts each message into an inbox,
-    which costs some µs of the interpreter, and the inbox is waited for: within 0.13 ms (p50) of
-    publication on loopback, 0.7 ms (p99); a loop that looks every 0.2 ms takes twice as long.
+    Zenoh's channels block without a timeout or not at all. Thus Zenoh's thread puts each message
+    into an inbox, at a cost of some µs, and the reader waits for the inbox. It wakes within 0.13 ms
+    (p50) of publication on loopback, 0.7 ms (p99); polling every 0.2 ms takes twice as long.
     """
 
     def __init__(self, node: BusNode, entity: Entity, key: str, depth: int) -> None:
@@ -237,11 +237,11 @@ class WaitingSubscription:
         self._token = node.declare_token(entity)
 
     def _hear(self, sample: Any) -> None:
-        """In a thread of Zenoh's: keep the newest messages."""
+        """Keep the newest messages; runs in a thread of Zenoh."""
         self._inbox.put(sample)
 
     def wait(self, timeout_s: float) -> Received | None:
-        """The oldest message that is kept, or the next one; None where none comes in time."""
+        """Return the oldest message in the queue, or the next one; None if none arrives in time."""
         try:
             sample = self._inbox.get(timeout_s)
         except InboxEmptyError:
@@ -249,7 +249,7 @@ class WaitingSubscription:
         return None if sample is None else _received(sample)
 
     def poll(self) -> Received | None:
-        """The oldest message that is kept, None where there is none."""
+        """Return the oldest message in the queue, or None."""
         return self.wait(0.0)
 
     def wake(self) -> None:
@@ -265,8 +265,8 @@ class WaitingSubscription:
 class MatchedEndpoints:
     """Publishers, subscribers or servers of one name, by the liveliness tokens of the bus.
 
-    A node that closes or dies is gone from it at once; one whose computer vanishes, when its
-    lease ends.
+    A node that closes or dies is removed at once; a node whose computer vanishes, at the end of its
+    lease.
     """
 
     def __init__(self, node: BusNode, kind: str, name: str) -> None:
@@ -275,7 +275,7 @@ class MatchedEndpoints:
         self._tokens = TokenWatch(node, token_pattern(node.options.domain, kind, name))
 
     def others(self) -> list[Entity]:
-        """Those of other processes that are there now. Never blocks."""
+        """Return the present endpoints of other processes. Never blocks."""
         while (change := self._tokens.poll()) is not None:
             token, there = change
             entity = Entity.parse(token)
@@ -287,7 +287,7 @@ class MatchedEndpoints:
 
 
 class ServiceRequest:
-    """A request to a service; `reply` answers it, from any thread, once."""
+    """Request to a service; `reply` answers it once, from any thread."""
 
     def __init__(self, query: Any, key: str) -> None:
         self._query, self._key = query, key
@@ -305,7 +305,7 @@ class ServiceRequest:
             self._query.drop()
 
     def refuse(self, reason: str) -> None:
-        """Answer that it is no request of this service."""
+        """Reply that this is not a valid request of the service."""
         with contextlib.suppress(zenoh_module().ZError):
             self._query.reply_err(reason.encode())
             self._query.drop()
@@ -320,11 +320,11 @@ class Service:
         ring = zenoh_module().handlers.RingChannel(REQUESTS_KEPT)
         self._queryable = node.declare_queryable(key, ring)
         self._try_recv = self._queryable.handler.try_recv
-        # A node that sees the token asks at once, so it comes last.
+        # A node that sees the token may call at once; it is declared last.
         self._token = node.declare_token(entity)
 
     def poll(self) -> ServiceRequest | None:
-        """The oldest request that waits, None where there is none."""
+        """Return the oldest waiting request, or None."""
         query = self._try_recv()
         return None if query is None else ServiceRequest(query, self._key)
 
@@ -345,13 +345,13 @@ class Client:
         self._sequences = itertools.count(1)
 
     def call(self, data: bytes, timeout_s: float = CALL_TIMEOUT_S) -> bytes | None:
-        """The service's encoded response, None where none comes in time. Blocks."""
+        """Return the service's encoded response; None if none arrives in time. Blocks."""
         attachment = Attachment(next(self._sequences), time.time_ns(), self._gid).encode()
         return self._node.get(self._key, data, attachment, timeout_s)
 
     def ask(self, data: bytes, answered: Callable[[bytes], None], timeout_s: float) -> None:
-        """Call without waiting, after earlier requests: `answered` gets the response in a
-        thread of Zenoh's, if one comes in time."""
+        """Call without waiting, after earlier requests: `answered` gets the response in a thread of
+        Zenoh, if one arrives in time."""
         attachment = Attachment(next(self._sequences), time.time_ns(), self._gid).encode()
 
         def take(reply: Any) -> None:
@@ -367,11 +367,11 @@ class Client:
 
 
 class BusNode:
-    """A node: opens a Zenoh session of its own.
+    """ROS 2 node with its own Zenoh session.
 
     ::
 
-        with BusNode(BusOptions(), "gateway") as node:
+    with BusNode(BusOptions(), "gateway") as node:
             pose = node.publisher("/arm/state/pose", "geometry_msgs/msg/PoseStamped")
             pose.put(data, time.time_ns())
     """
@@ -384,7 +384,7 @@ class BusNode:
         beside: BusNode | None = None,
     ) -> None:
         """`namespace`: "/" or "/NAME", before names without a leading slash. `beside`: an open node
-        whose Zenoh session this one shares; their options are the same."""
+        whose Zenoh session this one shares, with the same options."""
         self.options, self.name, self.namespace = options, name, namespace
         self._beside = beside
         self._session: zenoh.Session | None = None
@@ -393,7 +393,7 @@ class BusNode:
         self._entities: itertools.count[int] = (
             itertools.count(1) if beside is None else beside._entities
         )
-        """Numbers of nodes and endpoints, no two of a Zenoh session the same."""
+        """Numbers of nodes and endpoints, unique in a Zenoh session."""
         self._id = "0" if beside is None else str(next(self._entities))
         self._node_token: Any = None
         self._watchers: list[Any] = []
@@ -410,7 +410,7 @@ class BusNode:
             self._node_token = self.declare_token(entity)
 
     def join(self) -> None:
-        """Join the bus without appearing on it, for discovery. Raises as `open` does."""
+        """Join the bus for discovery, without a node token. Raises as `open` does."""
         if self._session is not None:
             return
         if self._beside is not None:
@@ -430,11 +430,11 @@ class BusNode:
         self._zid = str(self._session.info.zid())
 
     def close(self) -> None:
-        """Leave the bus; its endpoints have to be closed before, where another node shares the
-        session. Never raises; twice is fine."""
+        """Leave the bus; close its endpoints first if another node shares the session. Never
+        raises; may be called twice."""
         with self._lock:
             session, self._session = self._session, None
-            self._node_token = None  # Zenoh takes it from the bus with its last reference.
+            self._node_token = None  # Zenoh removes it from the bus with the last reference.
             reconnector, self._reconnector = self._reconnector, None
         if reconnector is not None:
             reconnector.close()
@@ -446,7 +446,7 @@ class BusNode:
 
     @property
     def zid(self) -> str:
-        """Id of its Zenoh session, once it is open."""
+        """Return the id of its Zenoh session, once it is open."""
         return self._zid
 
     @property
@@ -459,18 +459,18 @@ class BusNode:
     def publisher(
         self, name: str, type_name: str, qos: Qos = DEFAULT_QOS, *, express: bool = False
     ) -> Publisher:
-        """A publisher of a topic; `express`: of commands, each sent by itself, at once, and ahead
-        of other messages. Raises InterfaceError or RosNameError."""
+        """Return a publisher of a topic. `express`: for commands, each sent at once, separately and
+        before other messages. Raises InterfaceError or RosNameError."""
         entity, key = self.endpoint(PUBLISHER, name, type_name, qos)
         return Publisher(self, entity, key, express=express)
 
     def subscription(
         self, name: str, type_name: str, depth: int, qos: Qos = DEFAULT_QOS
     ) -> Subscription:
-        """A subscription that keeps the newest `depth` messages for `poll`.
+        """Return a subscription that keeps the newest `depth` messages for `poll`.
 
-        It hears every type on the topic, so that a message of a wrong type can be refused in words.
-        Raises InterfaceError or RosNameError.
+        It receives every type on the topic, for an error message about a wrong type. Raises
+        InterfaceError or RosNameError.
         """
         entity, _ = self.endpoint(SUBSCRIPTION, name, type_name, qos)
         key = f"{self.options.domain}{entity.name}/*/*"
@@ -479,32 +479,32 @@ class BusNode:
     def waiting_subscription(
         self, name: str, type_name: str, depth: int, qos: Qos = DEFAULT_QOS
     ) -> WaitingSubscription:
-        """The same for a thread that waits for messages. Not for a session's loop, except as its
-        robot's driver. Raises InterfaceError or RosNameError."""
+        """Return the same for a thread that waits for messages. In a session's loop only the
+        robot's driver uses it. Raises InterfaceError or RosNameError."""
         entity, _ = self.endpoint(SUBSCRIPTION, name, type_name, qos)
         key = f"{self.options.domain}{entity.name}/*/*"
         return WaitingSubscription(self, entity, key, depth)
 
     def presence(self, kind: str, name: str) -> MatchedEndpoints:
-        """Nodes with an endpoint of a `kind` (PUBLISHER, SUBSCRIPTION, SERVICE) with this name.
-        Raises RosNameError."""
+        """Return the nodes with an endpoint of a `kind` (PUBLISHER, SUBSCRIPTION, SERVICE) with
+        this name. Raises RosNameError."""
         return MatchedEndpoints(self, kind, self.full_name_of(name))
 
     def service(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> Service:
-        """A server of a service. Raises InterfaceError or RosNameError."""
+        """Return a server of a service. Raises InterfaceError or RosNameError."""
         service_type(type_name)
         entity, key = self.endpoint(SERVICE, name, type_name, qos)
         return Service(self, entity, key)
 
     def client(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> Client:
-        """A client of a service. Raises InterfaceError or RosNameError."""
+        """Return a client of a service. Raises InterfaceError or RosNameError."""
         service_type(type_name)
         entity, key = self.endpoint(CLIENT, name, type_name, qos)
         return Client(self, entity, key)
 
     def watch_graph(self, changed: Callable[[str, bool], None]) -> None:
-        """Call `changed(token, there)` in a thread of Zenoh for each token of the domain, those
-        that are there already first. Not for a process with a control loop."""
+        """Call `changed(token, there)` in a thread of Zenoh for each token of the domain, present
+        ones first. Not for a process with a control loop."""
         zenoh = zenoh_module()
 
         def hear(sample: Any) -> None:
@@ -513,20 +513,20 @@ class BusNode:
         self._watchers.append(self.declare_watcher(f"{LIVELINESS}/{self.options.domain}/**", hear))
 
     def watch_tokens(self, key: str = "") -> TokenWatch:
-        """The tokens of a key expression, without one those of the domain, to be polled; those that
-        are there already first."""
+        """Return the tokens of a key expression (default: of the domain) for polling, present ones
+        first."""
         return TokenWatch(self, key or f"{LIVELINESS}/{self.options.domain}/**")
 
     def neighbors(self) -> tuple[list[str], list[str]]:
-        """Ids of the routers and of the peers that it is connected to."""
+        """Return the ids of the connected routers and peers."""
         info = self._opened().info
         return [str(each) for each in info.routers_zid()], [str(each) for each in info.peers_zid()]
 
     def endpoint(
         self, kind: str, name: str, type_name: str, qos: Qos, mark: str = ""
     ) -> tuple[Entity, str]:
-        """A new entity of this node and its key expression; `mark`: the type's hash, where it is
-        none of the types that Cardan knows. Raises InterfaceError or RosNameError."""
+        """Return a new entity of this node and its key expression. `mark`: type hash of a type that
+        Cardan does not know. Raises InterfaceError or RosNameError."""
         full = self.full_name_of(name)
         known = not mark
         mark = mark or endpoint_hash(type_name, self._hashed)
@@ -538,13 +538,13 @@ class BusNode:
         return entity, key
 
     def full_name_of(self, name: str) -> str:
-        """The absolute name of a relative or private one. Raises RosNameError."""
+        """Return the absolute name for a relative or private one. Raises RosNameError."""
         return checked_name(
             name if name[:1] in "/~" else f"{self.namespace.rstrip('/')}/{name}", self.full_name
         )
 
     def key_of(self, name: str, type_name: str) -> str:
-        """The key expression of an absolute name with a type. Raises InterfaceError."""
+        """Return the key expression of an absolute name with a type. Raises InterfaceError."""
         return data_key(self.options.domain, name, type_name, self._hashed)
 
     @property
@@ -556,13 +556,13 @@ class BusNode:
     def declare_publisher(
         self, key: str, qos: Qos, express: bool = True, urgency: Urgency = Urgency.STATE
     ) -> Any:
-        """Zenoh's publisher; a publisher of latched messages keeps them for latecomers. `express`:
-        each message is sent by itself, at once."""
+        """Declare Zenoh's publisher; one of latched messages keeps them for late subscribers.
+        `express`: each message is sent separately, at once."""
         zenoh = zenoh_module()
         reliability = zenoh.Reliability
-        # DROP: a full link costs messages, never the publisher's time.
+        # DROP: a full link loses messages and never blocks the publisher.
         options = {
-            # Over TCP and TLS both are the same; QUIC sends what is not reliable in datagrams.
+            # Over TCP and TLS both are the same; QUIC sends best-effort messages in datagrams.
             "reliability": reliability.RELIABLE if qos.reliable else reliability.BEST_EFFORT,
             "congestion_control": zenoh.CongestionControl.DROP,
             "priority": urgency.priority,
@@ -581,8 +581,8 @@ class BusNode:
         )
 
     def declare_subscriber(self, key: str, handler: Any, qos: Qos, deaf: bool = False) -> Any:
-        """Zenoh's subscriber; of latched topics, one that asks for earlier messages.
-        `handler` is Zenoh's: a channel, or a callback. `deaf`: to this session's own messages."""
+        """Declare Zenoh's subscriber; for a latched topic, with a query for earlier messages.
+        `handler`: Zenoh's channel or a callback. `deaf`: ignore this session's own messages."""
         locality = zenoh_module().Locality
         origin = locality.REMOTE if deaf else locality.ANY
         if not qos.transient_local:
@@ -598,7 +598,7 @@ class BusNode:
         )
 
     def declare_queryable(self, key: str, handler: Any) -> Any:
-        """Zenoh's queryable. rmw_zenoh asks only those that declare themselves complete."""
+        """Declare Zenoh's queryable. rmw_zenoh queries only those that are declared complete."""
         return self._opened().declare_queryable(key, handler, complete=True)
 
     def ask(self, key: str, data: bytes, attachment: bytes, timeout_s: float, handler: Any) -> None:
@@ -613,7 +613,7 @@ class BusNode:
         )
 
     def get(self, key: str, data: bytes, attachment: bytes, timeout_s: float) -> bytes | None:
-        """The first reply to a request; None where there is none in time."""
+        """Return the first reply to a request; None if none arrives in time."""
         replies = self._opened().get(
             key,
             payload=data,
@@ -627,15 +627,15 @@ class BusNode:
         return None
 
     def declare_watcher(self, key: str, handler: Any) -> Any:
-        """Zenoh's subscriber of liveliness tokens; `handler` as of `declare_subscriber`."""
+        """Declare Zenoh's subscriber of liveliness tokens; `handler` as in `declare_subscriber`."""
         return self._opened().liveliness().declare_subscriber(key, handler, history=True)
 
     def declare_token(self, entity: Entity) -> Any:
-        """The liveliness token of an entity, on the bus until it is undeclared."""
+        """Declare the liveliness token of an entity, present until it is undeclared."""
         return self.declare_key_token(entity.token(self.options.domain))
 
     def declare_key_token(self, key: str) -> Any:
-        """A liveliness token by its key, likewise."""
+        """Declare a liveliness token by its key, present until it is undeclared."""
         return self._opened().liveliness().declare_token(key)
 
     def _opened(self) -> zenoh.Session:
@@ -645,7 +645,7 @@ class BusNode:
 
 
 def zenoh_module() -> Any:
-    """The package of the bus. Raises ExtraMissingError."""
+    """Import the package of the bus. Raises ExtraMissingError."""
     try:
         import zenoh
     except ImportError as error:
@@ -654,15 +654,15 @@ def zenoh_module() -> Any:
 
 
 def zenoh_config(options: BusOptions) -> Any:
-    """Zenoh's configuration of a session. Raises ConfigurationError."""
+    """Return Zenoh's configuration of a session. Raises ConfigurationError."""
     listen = options.listen if options.mode == "peer" else ()
     connect = (options.router,) if options.router else ()
     return _config(options.mode, listen, connect, options.zenoh_config)
 
 
 def router_config(listen: Sequence[str], connect: Sequence[str], file: str) -> Any:
-    """Zenoh's configuration of a router; `file`, if not empty, as it is instead. Raises
-    ConfigurationError."""
+    """Return Zenoh's configuration of a router; a non-empty `file` is used unchanged instead.
+    Raises ConfigurationError."""
     return _config("router", listen, connect, file)
 
 
@@ -685,12 +685,12 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
 
 
 def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> dict[str, object]:
-    """Settings of Zenoh that Cardan sets, by paths of their keys ("listen/endpoints")."""
+    """Return the Zenoh settings that Cardan sets, by key paths ("listen/endpoints")."""
     return {
         "mode": mode,
         "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
-        # A router that comes later is found later: 0 would try once, and -1 blocks a client.
+        # Retry until the router appears: 0 would try once, and -1 blocks a client.
         "connect/timeout_ms": {"router": -1, "peer": -1, "client": CLIENT_CONNECT_MS},
         "connect/exit_on_failure": {"router": False, "peer": False, "client": True},
         "connect/retry": {
@@ -700,10 +700,11 @@ def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> 
         },
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
-        # Publishers that keep messages for latecomers need it; and it names a message's sender.
+        # Needed by publishers that keep messages for late subscribers; it also identifies a
+        # message's sender.
         "timestamping/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
-        # Closing waits for connections that are being made: 10 s, where a peer stands still.
+        # Closing waits for pending connections: 10 s if a peer hangs.
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/queue/size/data": TX_BATCHES,
         "transport/link/tx/queue/size/interactive_high": TX_BATCHES,
@@ -715,17 +716,17 @@ def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> 
 
 
 def gid_of(entity: Entity, domain: int) -> bytes:
-    """The id of an endpoint, which no other has."""
+    """Return the unique id (GID) of an endpoint."""
     return gid_of_token(entity.token(domain))
 
 
 def gid_of_token(token: str) -> bytes:
-    """The GID of the entity with this liveliness token: rmw_zenoh's hash of its key expression."""
+    """Return the GID of the entity with this token: rmw_zenoh's hash of its key expression."""
     try:
         from xxhash import xxh3_128_intdigest
     except ImportError as error:
         raise missing_extra(_NETWORK, "xxhash", "network", error) from error
-    # Low half first, each half with its low byte first: rmw_zenoh's liveliness_utils.cpp.
+    # Low half first, each half with its low byte first, as in rmw_zenoh's liveliness_utils.cpp.
     return xxh3_128_intdigest(token.encode()).to_bytes(_GID_BYTES, "little")
 
 

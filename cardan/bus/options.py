@@ -1,4 +1,4 @@
-"""Options of everybody on the bus."""
+"""Options to join the bus."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ DOMAIN = Range(0, 232, "", "beyond it DDS has no ports")
 
 @dataclass(frozen=True, kw_only=True)
 class BusOptions(Options):
-    """How to be on the bus."""
+    """Options to join the bus."""
 
     domain: Annotated[int, DOMAIN] = 0
     """ROS_DOMAIN_ID."""
     router: str = ROUTER
-    """The Zenoh router to meet others by; empty: none, others connect to `listen`."""
+    """Endpoint of the Zenoh router; empty: none, others connect to `listen`."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)
-    """Endpoints for others to connect to; port 0: any. Not used by a client."""
+    """Endpoints that others connect to; port 0: any. Not used by a client."""
     mode: Literal["peer", "client"] = "peer"
-    """"peer": others on this computer connect directly; "client": all goes through the router,
-    which is what a router on another computer needs."""
+    """"peer": others on this computer connect directly. "client": all messages pass the router, as
+    a router on another computer requires."""
     zenoh_config: Annotated[str, FILE] = ""
-    """Zenoh configuration file (JSON5), used as it is instead of `router`, `listen` and `mode`."""
+    """Zenoh configuration file (JSON5), used unchanged instead of `router`, `listen` and `mode`."""
     distribution: Literal["humble", "iron and later", "kilted and later"] = "iron and later"
     """Distribution of the ROS 2 nodes: Humble has no type hashes, Kilted and later have more in the
     feedback of FollowJointTrajectory."""

@@ -1,15 +1,15 @@
 """Pairing of two computers by a short code: TLS certificates and Zenoh's configuration for both.
 
-SPAKE2 (RFC 9382, package spake2) makes a key from the code, and both confirm it before anything
-else is said: an impostor has one guess a connection, and nothing to try codes against offline, as
-with a pre-shared key of TLS. OpenSSL's SRP would do the same, but the server of
-OpenSSL 3.0 crashes with it. Fernet tokens (package cryptography) follow, a line each::
+SPAKE2 (RFC 9382, package spake2) derives a key from the code, and both sides confirm it before any
+other exchange. An impostor has one guess a connection and, unlike with a pre-shared key of TLS, no
+data for an offline search. OpenSSL's SRP would do the same, but the server of OpenSSL 3.0 crashes
+with it. Fernet tokens (package cryptography) follow, a line each::
 
-    operator: SPAKE2 message, ready, request (its key's, and HOST), kept
+operator: SPAKE2 message, ready, request (its key's, and HOST), kept
     robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), kept too
 
-Each private key stays where it was made. The authority signs these two certificates, and its key is
-forgotten: no third one can follow.
+Each private key stays on its computer. The authority's key is discarded after two signatures: it
+can sign no third certificate.
 """
 
 from __future__ import annotations
@@ -48,20 +48,20 @@ except ImportError as error:
 TLS_PORT: Final = 7448
 """Port of the robot's router for the operator's computer: UDP for QUIC, TCP for TLS."""
 MIXED: Final = "mixed_rel"
-"""Parameter of Zenoh's QUIC endpoints: best-effort messages go in datagrams, where no loss before
-them holds them up, reliable ones in streams. "auto": where the other side does so, too."""
+"""Parameter of Zenoh's QUIC endpoints: best-effort messages go in datagrams, where no earlier loss
+delays them, and reliable ones in streams. "auto": if the peer supports it."""
 WAIT_S: Final = 300.0
 """How long the robot's computer waits."""
 CLIENT_S: Final = 10.0
 """Longest time for one client, from its connection to its end."""
 WRONG_CODES: Final = 3
-"""So many guesses at a code; then there is another one."""
+"""Wrong guesses after which a new code is made."""
 VALID_DAYS: Final = 825
 CONFIG: Final = "zenoh.json5"
 CODE_LETTERS: Final = 8
 """40 bits: ten thousand guesses within `WAIT_S` have a chance of 1 in 10^8."""
 _ALPHABET: Final = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
-"""Without those that are taken for each other."""
+"""Without characters that are easily confused."""
 _LINE_BYTES: Final = 65536
 _HOST: Final = re.compile(r"[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?")
 _BUSY: Final = b"busy"
@@ -69,20 +69,20 @@ Say = Callable[[str], None]
 
 
 class _EndedError(Exception):
-    """Pairing came to no end; why."""
+    """Pairing failed, with the reason."""
 
 
 class _WrongCodeError(_EndedError):
-    """The other side has another code."""
+    """The other side used another code."""
 
 
 def wait_for_operator(
     place: tuple[str, int], replace: bool, show: Say, tell: Say, wait_s: float = WAIT_S
 ) -> Path:
-    """Wait at an address of this computer, the robot's, for the operator's; the router's file.
+    """Wait on the robot's computer for the operator's; return the router's file.
 
-    `show` is called with each new code, `tell` with each failure. Raises ConfigurationError,
-    and AddressError, also if no operator has paired within `wait_s`.
+    `show` is called with each new code, `tell` with each failure. Raises ConfigurationError, and
+    AddressError, which also means that no operator has paired within `wait_s`.
     """
     folder = _folder("as-robot", replace)
     family = socket.AF_INET6 if ":" in place[0] else socket.AF_INET
@@ -112,10 +112,10 @@ def wait_for_operator(
 def pair_with(
     host: str, port: int, replace: bool, ask: Callable[[], str], *, quic: bool = False
 ) -> Path:
-    """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask` gives;
-    the client's file. `quic`: it is joined by QUIC, else by TLS.
+    """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask`
+    returns; return the client's file. `quic`: use QUIC, else TLS.
 
-    Raises ConfigurationError, and AddressError if the robot's side does not answer to the end.
+    Raises ConfigurationError, and AddressError if the robot's side stops answering.
     """
     host = host.lower().removesuffix(".")
     if host[:1] + host[-1:] == "[]" and is_address(host[1:-1]):
@@ -146,7 +146,7 @@ def pair_with(
 
 
 class _Channel:
-    """Lines to and from the other side; a `listener`'s other clients are refused meanwhile."""
+    """Lines to and from the other side; other clients of a `listener` are refused meanwhile."""
 
     def __init__(self, far: socket.socket, end_s: float, *listener: socket.socket) -> None:
         self._far, self._end_s, self._listener = far, end_s, listener
@@ -155,20 +155,21 @@ class _Channel:
         far.settimeout(CLIENT_S)
 
     def agree(self, side: Any) -> None:
-        """Make a key by SPAKE2, for all that follows. Raises _EndedError."""
+        """Agree by SPAKE2 on the key for all later messages. Raises _EndedError."""
         self._write(side.start().hex().encode())
         if (line := self._read()) == _BUSY:
             raise _EndedError("it pairs with another computer")
         try:
             self._key = Fernet(base64.urlsafe_b64encode(side.finish(bytes.fromhex(line.decode()))))
-        except Exception as error:  # Any error that the package raises for no element of its group.
+        except Exception as error:  # Any error of the package.
             raise _EndedError(f"no message of a pairing: {type(error).__name__}") from None
 
     def send(self, step: str, **values: str) -> None:
         self._write(self._key.encrypt(json.dumps({"step": step, **values}).encode()))
 
     def receive(self, step: str) -> dict[str, str]:
-        """Return the values that the other side sent; never this side's own, whose steps differ."""
+        """Return the values from the other side. Reflected messages of this side fail: steps
+        differ."""
         line = self._read()
         try:
             values: dict[str, str] = json.loads(self._key.decrypt(line))
@@ -187,7 +188,7 @@ class _Channel:
         while b"\n" not in self._come:
             left_s = max(0.0, self._end_s - time.monotonic())
             ready = select.select((self._far, *self._listener), (), (), left_s)[0]
-            if not ready or not left_s:  # The other side has waited for as long, and is gone.
+            if not ready or not left_s:  # The other side has waited as long, and has left.
                 raise _EndedError("it took too long")
             for each in set(ready).intersection(self._listener):
                 with contextlib.suppress(OSError), each.accept()[0] as other:
@@ -198,7 +199,7 @@ class _Channel:
                 self._come += piece
                 if len(self._come) > _LINE_BYTES:
                     raise _EndedError("its line is too long")
-        # "ready" may have come with the SPAKE2 message before it.
+        # "ready" may arrive together with the SPAKE2 message before it.
         line, _, self._come = self._come.partition(b"\n")
         return line
 
@@ -219,7 +220,7 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
         theirs = signed("operator", request.public_key(), ["operator"], client=True)
     except (KeyError, ValueError) as error:
         raise _EndedError(f"its request cannot be used: {error}") from None
-    # The operator's computer takes the first address of a name, of whichever family it is.
+    # The operator's computer takes the first address of a name, of either family.
     both = socket.has_dualstack_ipv6() or ":" in asked["host"]
     everywhere = "[::]" if both else "0.0.0.0"
     outside = f"{everywhere}:{TLS_PORT}"
@@ -230,7 +231,7 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
     with _stored(folder, "listen", settings, authority, ours, private):
         channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
         channel.receive("kept")
-    with contextlib.suppress(OSError):  # The files are there, whether or not it hears of it.
+    with contextlib.suppress(OSError):  # The files exist, whether or not the confirmation arrives.
         channel.send("kept too")
     return folder / CONFIG
 
@@ -256,7 +257,7 @@ def _join(channel: _Channel, host: str, code: str, folder: Path, *, quic: bool) 
 
 
 def _check_clock(certificate: str) -> None:
-    """Raises _EndedError where TLS would take none of the robot's certificates today."""
+    """Raise _EndedError if by this clock TLS would reject the robot's certificates."""
     begins, ends, _ = read_certificate(certificate)
     now = datetime.datetime.fromtimestamp(time.time(), datetime.timezone.utc)
     if not begins <= now <= ends:
@@ -267,7 +268,7 @@ def _check_clock(certificate: str) -> None:
 
 
 def _folder(name: str, replace: bool) -> Path:
-    """Where the files come to be, and can be written. Raises ConfigurationError."""
+    """Return the folder for the new files, checked to be writable. Raises ConfigurationError."""
     folder = state_folder() / "pair" / name
     if folder.exists() and not replace:
         raise ConfigurationError(
@@ -281,8 +282,8 @@ def _folder(name: str, replace: bool) -> Path:
 
 @contextlib.contextmanager
 def _stored(folder: Path, side: str, settings: dict[str, object], *pems: bytes) -> Iterator[None]:
-    """Write Zenoh's configuration, authority, certificate and key beside `folder`, and put them
-    there, all at once, if the block inside succeeds. Raises OSError."""
+    """Write Zenoh's configuration, authority, certificate and key beside `folder`, and move all
+    into it at once if the block inside succeeds. Raises OSError."""
     names = ("authority.pem", "certificate.pem", "key.pem", CONFIG)
     keys = ("root_ca_certificate", f"{side}_certificate", f"{side}_private_key")
     tls = {key: str(folder / name) for key, name in zip(keys, names, strict=False)}

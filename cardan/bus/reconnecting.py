@@ -1,10 +1,9 @@
 """Connects a Zenoh session again to peers whose connection to it broke.
 
-Zenoh reconnects only to configured endpoints: the router. Two peers that the router introduced to
-each other stay apart when the connection between them breaks; nothing is logged, and the router
-passes no messages between them. A third peer tells them of each other again, so one comes for a
-moment. It does not help if a peer sends gossip to routers only (scouting/gossip/target), as in the
-configuration that rmw_zenoh comes with.
+Zenoh reconnects only to configured endpoints: the router. Two peers that met through the router
+stay apart after their connection breaks; no log entry appears, and the router relays no messages
+between them. A temporary third peer introduces them again. It does not help if a peer sends gossip
+to routers only (scouting/gossip/target), as in rmw_zenoh's default configuration.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.zenoh import LIVELINESS, NODE, Entity
 
 LOOK_S = 0.2, 2.0
-"""First and longest pause before the router is asked for a lost peer: by then it knows whether that
-ended."""
+"""First and longest pause before the router is queried for a lost peer: by then it knows whether
+the peer ended."""
 
 MEET_S = 0.5
 """How long the third peer stays: they meet in 20 ms on loopback."""
@@ -32,20 +31,20 @@ ROUTER_TIMEOUT_S = 1.0
 """Longest wait for the router."""
 
 THIRD = "cada9e3f"
-"""How the ids of third peers begin, whose loss is ignored."""
+"""Prefix of the ids of third peers, whose loss is ignored."""
 
 _log = logging.getLogger(__name__)
 
 
 class Reconnector:
-    """Watches the connections of a session. Without a router it does nothing: a peer retries its
-    endpoint by itself, and a router that comes back introduces its peers to each other."""
+    """Watches the connections of a session. It does nothing without a router: a peer retries its
+    endpoint by itself, and a restarted router introduces its peers to each other."""
 
     def __init__(self, zenoh: Any, session: Any, config: Callable[[], Any]) -> None:
         """`config`: makes the configuration of another session on the same bus."""
         self._zenoh, self._session, self._config = zenoh, session, config
         self._lost: dict[str, float] = {}
-        """Since when each peer is lost, by id."""
+        """Time of loss of each lost peer, by id."""
         self._reported: set[str] = set()
         self._pause_s = LOOK_S[0]
         self._changed = threading.Condition()
@@ -56,7 +55,7 @@ class Reconnector:
         self._listener = session.info.declare_transport_events_listener(handler, history=False)
 
     def close(self) -> None:
-        """Watch no more; before the session is closed. Twice is fine."""
+        """Stop watching; call it before the session is closed. May be called twice."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -67,7 +66,7 @@ class Reconnector:
             thread.join()
 
     def _hear(self, event: Any) -> None:
-        """In a thread of Zenoh's: a connection was opened or is closed."""
+        """Handle a connection that was opened or closed; runs in a thread of Zenoh."""
         transport = event.transport
         zid = str(transport.zid)
         if transport.whatami != self._zenoh.WhatAmI.PEER or zid.startswith(THIRD):
@@ -87,8 +86,8 @@ class Reconnector:
         since_s = self._lost.pop(zid, None)
         self._reported.discard(zid)
         if since_s is not None:
-            # Also where the other one was quicker to mend it than this one to tell the loss: no
-            # session comes back by the same id that has not been there all the time.
+            # Also if the peer reconnected before this side reported the loss: a session that
+            # returns with the same id was there all the time.
             gap_s = time.monotonic() - since_s
             _log.warning("connected to Zenoh session %s again, after %.1f s", zid, gap_s)
 
@@ -100,12 +99,12 @@ class Reconnector:
                 _log.info("the router was not asked for lost peers: %s", error)
 
     def _waited(self) -> bool:
-        """Wait; False where nothing is left to do, and the thread ends."""
+        """Wait; return False if nothing is left to do, which ends the thread."""
         with self._changed:
             pause_s = self._pause_s
             self._pause_s = min(2.0 * pause_s, LOOK_S[1])
             self._changed.wait_for(lambda: self._closed or not self._lost, pause_s)
-        routers = self._session.info.routers_zid()  # Not with a lock that _hear waits for.
+        routers = self._session.info.routers_zid()  # Without the lock that _hear takes.
         with self._changed:
             if self._closed or not routers:
                 self._forget(set(self._lost))
@@ -120,13 +119,14 @@ class Reconnector:
             self._reported.discard(zid)
 
     def _look(self) -> None:
-        """Ask the router which lost peers are still there, and introduce this session to them."""
+        """Query the router for lost peers that are still there, and introduce this session to
+        them."""
         with self._changed:
             lost = set(self._lost)
         with self._joined("client", None) as client:
             nodes = _nodes(client)
         if nodes is None:
-            return  # It is not known which have ended.
+            return  # It is unknown which peers have ended.
         with self._changed:
             self._forget(lost - nodes.keys())
             for zid in self._lost.keys() & lost - self._reported:
@@ -144,10 +144,10 @@ class Reconnector:
 
     @contextlib.contextmanager
     def _joined(self, mode: str, zid: str | None) -> Iterator[Any]:
-        """Another session on the same bus, to which no peer can connect."""
+        """Open another session on the same bus, to which no peer can connect."""
         config = self._config()
         endpoints = json.loads(config.get_json("connect/endpoints"))
-        if isinstance(endpoints, dict):  # By mode; the other one has this session's.
+        if isinstance(endpoints, dict):  # By mode; the other mode has this session's settings.
             endpoints = endpoints.get(json.loads(config.get_json("mode")), [])
         changes: dict[str, object] = {
             "id": zid,
@@ -167,8 +167,8 @@ class Reconnector:
 
 
 def _nodes(client: Any) -> dict[str, str] | None:
-    """The nodes of each Zenoh session, by the tokens that the router knows. None: it did not tell
-    all of them in time."""
+    """Return the nodes of each Zenoh session from the router's tokens; None if they were not
+    complete in time."""
     replies = client.liveliness().get(f"{LIVELINESS}/*/*/*/*/{NODE}/**", timeout=ROUTER_TIMEOUT_S)
     names: dict[str, set[str]] = {}
     for reply in replies:

@@ -1,4 +1,4 @@
-"""Keeps a router on this computer while something needs it: a process of its own, by this one."""
+"""Keeps a router running on this computer, in a child process, while a node needs it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from cardan.errors import AddressError
 from cardan.types import NEVER_S
 
 LOOK_PERIOD_S = 1.0
-"""Period of checks for a router: nodes that know each other do without one, and new nodes wait for
-it longer than this."""
+"""Period of checks for a router: connected nodes do without one, and new nodes wait longer than
+this."""
 
 RESTART_PAUSE_S = 5.0
-"""Pause after a router that has failed: the next one may fail as well, and its start takes a
-processor for a second."""
+"""Pause after a router has failed: the next one may fail too, and its start takes a processor for a
+second."""
 
 START_TIMEOUT_S = 10.0
 """Longest wait for a router to serve, which takes a second."""
@@ -38,8 +38,8 @@ _log = logging.getLogger(__name__)
 
 
 def router_address(options: BusOptions) -> tuple[str, int] | None:
-    """Host and port of the router, where it is one that this computer would have to serve: on
-    loopback, over TCP. None for every other, for none, and where Zenoh's own configuration says."""
+    """Return host and port of a router that this computer has to serve: on loopback, over TCP. None
+    for any other, without one, and with a Zenoh configuration file."""
     protocol, _, rest = options.router.partition("/")
     host, _, port = rest.partition("?")[0].partition("#")[0].rpartition(":")
     if options.zenoh_config or protocol != "tcp" or not is_loopback(host) or not port.isdecimal():
@@ -48,10 +48,10 @@ def router_address(options: BusOptions) -> tuple[str, int] | None:
 
 
 def is_served(address: tuple[str, int]) -> bool:
-    """Whether a program listens there. Does not connect to it, which the program would tell of."""
+    """Return True if a program listens there, without a connection, which the program would log."""
     family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
-        # Remains of closed connections are no listener.
+        # Remains of closed connections are not listeners.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(address)
@@ -61,12 +61,12 @@ def is_served(address: tuple[str, int]) -> bool:
 
 
 _ANNOUNCED = "cardan-router-"
-"""How the files begin, among this user's sockets, in which running routers say where they are."""
+"""Prefix of this user's socket files in which running routers announce their endpoints."""
 
 
 @contextlib.contextmanager
 def announced(endpoints: Iterable[str]) -> Iterator[None]:
-    """Say that this process is a router there, for `routers_here`."""
+    """Announce this process as a router at the endpoints, for `routers_here`."""
     path = Path(runtime_path(f"{_ANNOUNCED}{os.getpid()}"))
     try:
         make_runtime_folder()
@@ -82,8 +82,8 @@ def announced(endpoints: Iterable[str]) -> Iterator[None]:
 
 
 def routers_here(served: Callable[[tuple[str, int]], bool] = is_served) -> list[str]:
-    """The endpoints on loopback of the routers that this user's programs run on this computer, one
-    each, in order. A killed router is not listed, whatever it has left behind."""
+    """Return the loopback endpoints of this user's routers on this computer, one each, in order. A
+    killed router is not listed, even if its file is left."""
     found = set()
     for each in Path(runtime_path("")).glob(f"{_ANNOUNCED}*"):
         with contextlib.suppress(OSError, ValueError):
@@ -99,8 +99,8 @@ def routers_here(served: Callable[[tuple[str, int]], bool] = is_served) -> list[
 class RouterKeeper:
     """Starts a router if none serves, and again if it has ended.
 
-    Of several processes that do so at once one is first; the others see that the port is in use,
-    and are content until it is free. A router ends with the process that has started it.
+    If several processes try at once, one succeeds; the others see the port in use, and wait until
+    it is free. A router ends with the process that started it.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class RouterKeeper:
         served: Callable[[tuple[str, int]], bool] = is_served,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`options`: of the node that needs the router; None: no node does."""
+        """`options`: those of the node that needs the router; None: no node does."""
         self._endpoint = "" if options is None else options.router
         self._address = None if options is None else router_address(options)
         self._served, self._clock = served, clock
@@ -119,11 +119,11 @@ class RouterKeeper:
 
     @property
     def pid(self) -> int | None:
-        """Process id of the router that this one has started; None: none."""
+        """Return the process id of the router that this object started; None if none."""
         return None if self._process is None else self._process.pid
 
     def poll(self) -> None:
-        """Start a router if none serves; call this several times a second. Never raises."""
+        """Start a router if none serves; call it several times a second. Never raises."""
         if self._address is None or self._clock() - self._looked_s < LOOK_PERIOD_S:
             return
         self._looked_s = self._clock()
@@ -153,7 +153,7 @@ class RouterKeeper:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                # Ctrl-C in the terminal must not end it: its parent needs it to the end.
+                # Ctrl-C in the terminal must not end it: its parent needs it until its own end.
                 start_new_session=True,
             )
         except OSError as error:
@@ -168,7 +168,7 @@ class RouterKeeper:
             _log.warning("the router at %s has ended: %s", self._endpoint, words or "no reason")
 
     def close(self) -> None:
-        """End the router that this one has started. Never raises; twice is fine."""
+        """Stop the router that this object started. Never raises; may be called twice."""
         process, self._process = self._process, None
         if process is None:
             return

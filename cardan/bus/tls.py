@@ -1,5 +1,5 @@
-"""Why a TLS connection to a router fails, in words: Zenoh tells a refused certificate and a router
-that is not there by the same "Timeout!".
+"""Diagnosis of failed TLS connections to a router: Zenoh reports both a refused certificate and an
+absent router as "Timeout!".
 
 The certificates of Zenoh's configuration are read, and one handshake is made as Zenoh makes it. No
 byte of Zenoh's protocol is sent.
@@ -24,12 +24,12 @@ PROBE_S: Final = 2.0
 """Longest wait for a router's answer."""
 
 PERIOD_S: Final = 5.0
-"""Pause between two looks at a router that stays away."""
+"""Pause between two probes of an absent router."""
 
 PROTOCOLS: Final = ("tls", "quic")
-"""Protocols of Zenoh that use certificates. A pair's router serves TLS at QUIC's port, too."""
+"""Zenoh protocols with certificates. A paired router serves TLS at QUIC's port too."""
 
-# RFC 8446, 6.2. Which alert a certificate of another authority gets depends on its issuer's name.
+# RFC 8446, 6.2. The alert for a certificate of another authority depends on its issuer's name.
 _ALERTS: Final = {
     "CERTIFICATE_REQUIRED": "the router at {place} asks for a certificate, and {own} is given",
     "CERTIFICATE_EXPIRED": "the router at {place} takes {own} for expired, so the clocks differ",
@@ -38,15 +38,15 @@ _ALERTS: Final = {
     "BAD_CERTIFICATE": "the router at {place} refuses {own}, which is of another pair",
 }
 
-# Of OpenSSL, x509_vfy.h.
+# From OpenSSL's x509_vfy.h.
 _EXPIRED: Final = 10
 _OTHER_NAMES: Final = (62, 64)
 
 
 def tls_obstacle(config: Any) -> str:
-    """Why TLS to the routers of a Zenoh configuration fails, and what to do; empty: it does not, or
-    that cannot be told, as where no router answers. Waits for up to PROBE_S a router. Never raises.
-    """
+    """Describe why TLS to the routers of a Zenoh configuration fails, and what to do. Empty if it
+    does not fail or the reason cannot be found, as when no router answers. Waits up to PROBE_S for
+    each router. Never raises."""
     try:
         places = [place for each in _endpoints(config) if (place := _place(each))]
         tls = json.loads(config.get_json("transport/link/tls"))
@@ -75,7 +75,7 @@ def _endpoints(config: Any) -> list[str]:
 
 
 def _place(endpoint: str) -> tuple[str, int] | None:
-    """Host and port of an endpoint with certificates."""
+    """Return host and port of an endpoint with certificates."""
     protocol, _, rest = endpoint.partition("/")
     host, _, port = rest.partition("?")[0].partition("#")[0].rpartition(":")
     if protocol not in PROTOCOLS or not port.isdecimal():
@@ -84,7 +84,7 @@ def _place(endpoint: str) -> tuple[str, int] | None:
 
 
 def _local(path: str | None) -> str:
-    """Problems that the certificate itself shows."""
+    """Return the problems visible in the certificate itself."""
     if path is None:
         return ""
     try:
@@ -118,7 +118,7 @@ def _handshake(host: str, port: int, tls: dict[str, Any], certificate: str | Non
             socket.create_connection((host, port), PROBE_S) as plain,
             context.wrap_socket(plain, server_hostname=host) as connection,
         ):
-            # TLS 1.3: a client hears what is said of its certificate after its own handshake.
+            # TLS 1.3: a client receives the verdict on its certificate after its own handshake.
             connection.recv(1)
     except ssl.SSLCertVerificationError as error:
         if error.verify_code == _EXPIRED:
@@ -132,22 +132,22 @@ def _handshake(host: str, port: int, tls: dict[str, Any], certificate: str | Non
             if error.reason and error.reason.endswith(f"ALERT_{alert}"):
                 return words.format(place=place, own=own)
     except (OSError, UnicodeError):
-        pass  # No router answers, or it waits for Zenoh's first message: the handshake was good.
+        pass  # No router answers, or it waits for Zenoh's first message: the handshake succeeded.
     return ""
 
 
 class TlsWatch:
-    """Looks why a router stays away, in a thread of its own, for a loop that must not wait."""
+    """Diagnoses an absent router in a separate thread, for a loop that must not wait."""
 
     def __init__(self, look: Callable[[], str]) -> None:
-        """`look`: such as `tls_obstacle` of a configuration."""
+        """`look`: diagnosis to run, such as `tls_obstacle` of a configuration."""
         self._look = look
         self._found = ""
         self._thread: threading.Thread | None = None
         self._looked_s = NEVER_S
 
     def obstacle(self, now_s: float, *, routed: bool) -> str:
-        """Return what was found last; empty while the router is there, or nothing is known."""
+        """Return the last result; empty while the router is present, or nothing is known."""
         if self._thread is not None and self._thread.is_alive():
             return "" if routed else self._found
         if routed:

@@ -1,5 +1,5 @@
-"""Nodes of plug-ins on another transport than Zenoh: their interface for drivers and simulated
-robots, and their discovery."""
+"""Interface of nodes on other transports than Zenoh, for drivers and simulated robots, and their
+discovery."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ ENTRY_POINT_GROUP = "cardan.buses"
 
 
 class OtherPublisher(Protocol):
-    """Publishes messages of one type on one topic."""
+    """Publisher of messages of one type on one topic."""
 
     def put(self, data: bytes | bytearray, now_ns: int, /) -> None:
         """Publish an encoded message. Never waits for a subscriber."""
 
     def put_as(self, sequence: int, data: bytes | bytearray, now_ns: int, /) -> None:
-        """The same with a number, where the transport has none of its own."""
+        """Publish with a sequence number, if the transport has none."""
 
     @property
     def heard(self) -> bool:
-        """True if there is a subscriber."""
+        """Return True if there is a subscriber."""
 
     def close(self) -> None:
         """Leave the graph."""
 
 
 class OtherSubscription(Protocol):
-    """Receives the messages of one topic."""
+    """Subscription to one topic."""
 
     def wait(self, timeout_s: float) -> Received | None:
-        """The oldest message that is kept, or the next one; None where none comes in time."""
+        """Return the oldest message in the queue, or the next one; None if none arrives in time."""
 
     def poll(self) -> Received | None:
-        """The oldest message that is kept, None where there is none."""
+        """Return the oldest message in the queue, or None."""
 
     def wake(self) -> None:
         """End a wait in another thread, without a message."""
@@ -48,24 +48,24 @@ class OtherSubscription(Protocol):
 
 
 class OtherGraph(Protocol):
-    """The nodes of other programs on the transport."""
+    """Nodes of other programs on the transport."""
 
     def look(self) -> None:
         """Update the known nodes."""
 
     def writer(self, gid: bytes) -> str:
-        """Full name of the node whose publisher has this id in attachments; empty: unknown."""
+        """Return the full name of the node whose publisher has this id; empty: unknown."""
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop watching."""
 
 
 class OtherNode(ABC):
-    """A node: BusNode as far as drivers and simulated robots need it."""
+    """Node with the part of BusNode's interface that drivers and simulated robots need."""
 
     @abstractmethod
     def __init__(self, options: DdsOptions, name: str) -> None:
-        """Not on the transport before it is opened."""
+        """Prepare a node; `open` joins the transport."""
 
     @abstractmethod
     def open(self) -> None:
@@ -73,22 +73,22 @@ class OtherNode(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Leave, with all that it has there. Twice is fine."""
+        """Leave, and close all endpoints. May be called twice."""
 
     @abstractmethod
     def publisher(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> OtherPublisher:
-        """A publisher of a topic. Raises InterfaceError, RosNameError or DriverError."""
+        """Return a publisher of a topic. Raises InterfaceError, RosNameError or DriverError."""
 
     @abstractmethod
     def waiting_subscription(
         self, name: str, type_name: str, depth: int, qos: Qos = DEFAULT_QOS
     ) -> OtherSubscription:
-        """A subscription that keeps the newest `depth` messages. Raises InterfaceError,
+        """Return a subscription that keeps the newest `depth` messages. Raises InterfaceError,
         RosNameError or DriverError."""
 
     @abstractmethod
     def graph_reader(self) -> OtherGraph:
-        """A reader of the nodes that are there. Raises DriverError."""
+        """Return a reader of the present nodes. Raises DriverError."""
 
 
 FINDER: Finder[OtherNode] = Finder(

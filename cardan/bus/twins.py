@@ -1,4 +1,4 @@
-"""Another node of the same name: one command would go to both, so only one takes commands.
+"""Detects other nodes of the same name: both would receive each command, thus only one accepts it.
 
 The second node finds the liveliness token of the first and does not start. Of two that start at
 once, or meet later, the later one takes no commands; because liveliness tokens of ROS 2 do not say
@@ -19,15 +19,15 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.zenoh import Entity, mangled, node_pattern
 
 CLAIM = "@cardan_lv"
-"""First part of the tokens with the time since when a node has its name, and its computer."""
+"""First part of the tokens that hold the time of a node's claim to its name, and its computer."""
 
 MEET_S = 0.3
-"""How long a node that joins looks for others before it appears: ten times as long as it takes to
-meet nodes at the same router."""
+"""How long a joining node looks for others before it appears: ten times as long as it takes to meet
+nodes at the same router."""
 
 GONE_S = 1.5e-3 * LEASE_MS
-"""Longest wait for a token to vanish: of a node whose computer is gone within the lease, of a
-crashed node at once."""
+"""Longest wait for a token to vanish: within the lease for a lost computer, at once for a crashed
+node."""
 
 _LOOK_S = 0.02
 
@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 
 
 class NameClaim(NamedTuple):
-    """Since when a node has its name. The smaller one is the elder's."""
+    """Claim of a node to its name since a time. The smaller of two is the elder's."""
 
     since_ns: int
     """Since the epoch, by its own clock."""
@@ -43,13 +43,13 @@ class NameClaim(NamedTuple):
     host: str
 
     def key(self, domain: int, name: str) -> str:
-        """The key expression of its token."""
+        """Return the key expression of its token."""
         host = re.sub(r"[^\w.-]", "_", self.host) or "_"
         return f"{CLAIM}/{domain}/{mangled(name)}/{self.zid}/{self.since_ns}/{host}"
 
     @classmethod
     def parse(cls, key: str) -> NameClaim | None:
-        """From a key expression; None if it is no claim's."""
+        """Parse a key expression; None if it is not a claim's."""
         parts = key.split("/")
         if len(parts) != 6 or parts[0] != CLAIM or not parts[4].isdecimal() or len(parts[4]) > 20:
             return None
@@ -57,10 +57,10 @@ class NameClaim(NamedTuple):
 
 
 class Twins:
-    """The other nodes that have the full name of `node`, which has joined."""
+    """Other nodes with the full name of `node`, which has joined."""
 
     def __init__(self, node: BusNode, key: str = "name") -> None:
-        """`key`: of the options of the network, which has the node's name."""
+        """`key`: key of the network's options that holds the node's name."""
         self._node, self._key = node, key
         domain = node.options.domain
         self._own = NameClaim(time.time_ns(), node.zid, socket.gethostname())
@@ -71,13 +71,13 @@ class Twins:
         self._token: Any = None
 
     def begin(self) -> None:
-        """Have `node` appear, once its name is free. Raises ConfigurationError."""
+        """Announce `node` once its name is free. Raises ConfigurationError."""
         self.wait()
         self.claim()
         self._node.open()
 
     def claim(self) -> None:
-        """Say since when this node has its name; before its own token appears."""
+        """Announce since when this node has its name; before its own token appears."""
         self._token = self._node.declare_key_token(
             self._own.key(self._node.options.domain, self._node.full_name)
         )
@@ -87,8 +87,8 @@ class Twins:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Look whether the name is free, for `MEET_S`; where it is not, for `GONE_S` more, because
-        its owner may have crashed. Raises ConfigurationError."""
+        """Check for `MEET_S` that the name is free; if not, wait for `GONE_S` more, because its
+        owner may have crashed. Raises ConfigurationError."""
         end_s = clock() + MEET_S
         while not self.others():
             if clock() >= end_s:
@@ -106,15 +106,15 @@ class Twins:
             sleep(_LOOK_S)
 
     def others(self) -> dict[str, NameClaim | None]:
-        """Those that are there now, by the id of their Zenoh session; None: its start is unknown.
-        Never blocks."""
+        """Return the present ones by the id of their Zenoh session; None: start unknown. Never
+        blocks."""
         _take(self._nodes, self._zids, lambda key: getattr(Entity.parse(key), "zid", None))
         _take(self._claims, self._claimed, NameClaim.parse)
         claims = {each.zid: each for each in self._claimed.values()}
         return {zid: claims.get(zid) for zid in self._zids.values() if zid != self._node.zid}
 
     def state(self) -> tuple[str, bool]:
-        """Return the message about them, empty if none; and whether this node takes commands."""
+        """Return a message about them (empty: none), and whether this node accepts commands."""
         others = self.others()
         if not others:
             return "", True

@@ -1,4 +1,4 @@
-"""The whole ROS graph for servers: any topic and service, by callbacks. Not for a control loop."""
+"""Whole ROS graph for servers: any topic and service, by callbacks. Not for a control loop."""
 
 from __future__ import annotations
 
@@ -49,35 +49,35 @@ PICTURES = frozenset(
         "sensor_msgs/msg/PointCloud2",
     }
 )
-"""Types of which one message fills a slow link: they wait for all else, and are dropped first. Any
-other message from a server's client may be a command."""
+"""Types of which one message fills a slow link: they are sent last and dropped first. Any other
+message from a server's client may be a command."""
 
 LONGEST_CALL_S = 3600.0
-"""How long a call without a time limit waits for its reply."""
+"""Longest wait for the reply to a call without a time limit."""
 
 
 class BusNetwork:
-    """A node that sees the whole graph; base of the servers.
+    """Node with a view of the whole graph; base of the servers.
 
     ::
 
-        with BusNetwork(BusOptions(), "rosbridge") as network:
+    with BusNetwork(BusOptions(), "rosbridge") as network:
             network.subscribe("/joint_states", None, heard)
     """
 
     def __init__(self, options: BusOptions, name: str, deaf: bool = False) -> None:
-        """`deaf`: it does not hear messages of itself and its parts."""
+        """`deaf`: ignore messages of itself and its parts."""
         self.node = BusNode(options, name)
         self._deaf = deaf
         self.changes = 0
-        """How often the graph has changed."""
+        """Number of changes of the graph."""
         self._graph = Graph()
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
         self._topics: dict[str, Topic] | None = None
         self._services: dict[str, ServiceInfo] | None = None
-        """Copies of the graph's tables, until it changes: a client that subscribes to all topics of
-        a robot asks for them once for each."""
+        """Copies of the graph's tables until it changes: a client that subscribes to all topics of
+        a robot reads them once for each."""
         self._watches: set[_Watch] = set()
         self._making = threading.Lock()
         self._given: weakref.WeakSet[_Declared] = weakref.WeakSet()
@@ -90,16 +90,16 @@ class BusNetwork:
         self.node.watch_graph(self._watch)
 
     def close(self) -> None:
-        """Leave the bus, and close all that is still open. Never raises; twice is fine."""
+        """Leave the bus, and close all open endpoints. Never raises; may be called twice."""
         for each in tuple(self._given):
             each.close()
         self._clients.clear()
         self.node.close()
 
     def part(self, name: str, namespace: str = "/") -> BusNetwork:
-        """The same network as a node of its own, open until it is closed: of a client of a server,
-        so that a motion without end which the client asks for ends with the client and not with the
-        server. The network itself must be closed after it."""
+        """Return the same network as a separate node for a client of a server, open until it is
+        closed. A motion without end that the client requests ends with the client and not with the
+        server. Close the network itself after it."""
         return _Part(self, name, namespace)
 
     __enter__ = enter
@@ -126,7 +126,7 @@ class BusNetwork:
             return self._changed.wait_for(lambda: self._graph.servers(service), timeout_s) != []
 
     def watch_service(self, service: str, gone: Callable[[], None]) -> Handle:
-        """Have `gone` called, in any thread, when the last server of `service` has gone."""
+        """Call `gone`, in any thread, when the last server of `service` has left."""
         with self._lock:
             there = bool(self._graph.servers(service))
             watch = _Watch(self._watches, self._lock, service, gone, there)
@@ -139,7 +139,7 @@ class BusNetwork:
             return self._changed.wait_for(lambda: self._graph.publishers(topic), timeout_s) != []
 
     def topics(self) -> Mapping[str, Topic]:
-        """All topics by name."""
+        """Return all topics by name."""
         with self._lock:
             if self._topics is None:
                 publishers = self._graph.by_name(PUBLISHER)
@@ -151,7 +151,7 @@ class BusNetwork:
             return self._topics
 
     def others(self) -> tuple[Mapping[str, Topic], Mapping[str, ServiceInfo]]:
-        """The topics and services of other processes alone."""
+        """Return the topics and services of other processes alone."""
         ends: dict[str, list[Entity]] = {}
         servers: dict[str, list[Entity]] = {}
         with self._lock:
@@ -170,20 +170,20 @@ class BusNetwork:
         return topics, services
 
     def wants_history(self, topic: str) -> bool:
-        """Whether another process subscribes to `topic` as to a latched one."""
+        """Return True if another process subscribes to `topic` as to a latched one."""
         with self._lock:
             there = self._graph.subscribers(topic)
         return any(each.qos.transient_local for each in there if each.zid != self.node.zid)
 
     def having(self, node: str) -> list[str]:
-        """Ids of the other Zenoh sessions that have a node of this full name."""
+        """Return the ids of the other Zenoh sessions that have a node of this full name."""
         with self._lock:
             own = self.node.zid
             there = {each.zid for each in self._graph.entities() if each.full_node == node}
         return sorted(there - {own})
 
     def services(self) -> Mapping[str, ServiceInfo]:
-        """All services by name."""
+        """Return all services by name."""
         with self._lock:
             if self._services is None:
                 self._services = {
@@ -193,20 +193,20 @@ class BusNetwork:
             return self._services
 
     def nodes(self) -> Sequence[str]:
-        """Full names of all nodes."""
+        """Return the full names of all nodes."""
         with self._lock:
             return self._graph.nodes()
 
     def lonely(self) -> bool:
-        """True if no node of another process was met."""
+        """Return True if no node of another process was met."""
         with self._lock:
             return len(self._graph.sessions()) < 2
 
     # -- endpoints -------------------------------------------------------------------------------
 
     def subscribe(self, topic: str, type_name: str | None, heard: Heard) -> Handle:
-        """Have `heard` called with each message of `topic`, of a later revision of the type, too.
-        Raises NetworkError."""
+        """Call `heard` with each message of `topic`, also of a later revision of the type. Raises
+        NetworkError."""
         with self._lock:
             senders = self._graph.publishers(topic)
         qos = LATCHED_QOS if any(each.qos.transient_local for each in senders) else DEFAULT_QOS
@@ -237,8 +237,8 @@ class BusNetwork:
     def advertise(
         self, topic: str, type_name: str, latched: bool, mark: str = ""
     ) -> PublisherHandle:
-        """A publisher of `topic`; `mark`: the type's hash, where it is none of the types that
-        Cardan knows and no other node has it. Raises NetworkError."""
+        """Return a publisher of `topic`; `mark`: type hash of a type that neither Cardan nor
+        another node knows. Raises NetworkError."""
         with self._lock:
             others = [*self._graph.publishers(topic), *self._graph.subscribers(topic)]
         entity, key = self._entity(PUBLISHER, topic, type_name, others, latched, mark)
@@ -255,7 +255,7 @@ class BusNetwork:
         answered: Answered,
         timeout_s: float | None,
     ) -> None:
-        """Call a service; `answered` is called once, with a Failure where there is no reply in
+        """Call a service; `answered` is called once, with a Failure if no reply arrives in
         `timeout_s`. Raises NetworkError."""
         client = self._client(service, type_name)
         attachment = Attachment(next(client.sequences), time.time_ns(), client.gid).encode()
@@ -265,7 +265,7 @@ class BusNetwork:
         self._do(lambda: self.node.ask(client.key, request, attachment, wait_s, handler))
 
     def _client(self, service: str, type_name: str) -> _Client:
-        """The client of a service, which stays on the bus: by its token the server knows whether
+        """Return the client of a service, which stays on the bus: its token shows the server that
         the client is still there."""
         with self._making:
             client = self._clients.get((service, type_name))
@@ -310,7 +310,7 @@ class BusNetwork:
         latched: bool,
         mark: str = "",
     ) -> tuple[Entity, str]:
-        """A new endpoint; of a type that Cardan does not know, with the hash that others have."""
+        """Return a new endpoint; for a type unknown to Cardan, with the hash that others use."""
         qos = LATCHED_QOS if latched else DEFAULT_QOS
         try:
             return self.node.endpoint(kind, name, type_name, qos, mark)
@@ -330,7 +330,7 @@ class BusNetwork:
 
 
 class _Part(BusNetwork):
-    """A node beside another one, which sees the graph for both."""
+    """Node beside another one, which watches the graph for both."""
 
     def __init__(self, whole: BusNetwork, name: str, namespace: str) -> None:
         super().__init__(whole.node.options, name, whole._deaf)
@@ -345,11 +345,11 @@ class _Part(BusNetwork):
         self.node.open()
 
     def topics(self) -> Mapping[str, Topic]:
-        """All topics by name."""
+        """Return all topics by name."""
         return self._whole.topics()
 
     def services(self) -> Mapping[str, ServiceInfo]:
-        """All services by name."""
+        """Return all services by name."""
         return self._whole.services()
 
 
@@ -369,15 +369,15 @@ class _Declared:
         self._declared = list(declared)
 
     def close(self) -> None:
-        """Take it from the network; twice is fine."""
+        """Undeclare them; may be called twice."""
         while self._declared:
             with contextlib.suppress(zenoh_module().ZError):  # The session is closed already.
                 self._declared.pop().undeclare()
 
 
 class _Watch:
-    """Listener for the departure of a service's last server. By the graph, and not by a
-    subscription of its own, which may miss a token that appears while it is declared."""
+    """Listener for the departure of a service's last server. It uses the graph: a subscription may
+    miss a token that appears while it is declared."""
 
     def __init__(
         self,
@@ -392,18 +392,18 @@ class _Watch:
         self.gone = gone
 
     def left(self, graph: Graph) -> bool:
-        """Whether the last one has gone by this change of the graph."""
+        """Return True if the last one has left by this change of the graph."""
         before, self._there = self._there, bool(graph.servers(self._service))
         return before and not self._there
 
     def undeclare(self) -> None:
-        """Watch no more."""
+        """Stop watching."""
         with self._lock:
             self._watches.discard(self)
 
 
 class _Sender(_Declared):
-    """A publisher, for any thread."""
+    """Publisher for any thread."""
 
     def __init__(self, publisher: Any, token: Any, gid: bytes) -> None:
         super().__init__(publisher, token)
@@ -419,23 +419,23 @@ class _Sender(_Declared):
 
 
 class _Client:
-    """A client of a service."""
+    """Client of a service."""
 
     def __init__(self, key: str, gid: bytes, token: Any) -> None:
         self.key, self.gid = key, gid
         self.sequences = itertools.count(1)
-        self._token = token  # Zenoh takes it from the bus with its last reference.
+        self._token = token  # Zenoh removes it from the bus with its last reference.
 
 
 class _Call:
-    """A call that waits for its reply."""
+    """Call that waits for its reply."""
 
     def __init__(self, service: str, answered: Answered) -> None:
         self._service, self._answered = service, answered
         self._over = False
 
     def take(self, reply: Any) -> None:
-        """A reply has come."""
+        """Handle a reply."""
         if self._over:
             return
         self._over = True
@@ -446,7 +446,7 @@ class _Call:
             self._answered(Failure(f"{self._service}: {words[:300]}"))
 
     def end(self) -> None:
-        """No more replies come."""
+        """Handle the end of replies."""
         if not self._over:
             self._over = True
             self._answered(Failure(f"{self._service}: no reply; nobody offers it, or too late"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,15 +69,15 @@ for _group in (daemon, devices, robots, net, sim):
     app.add_typer(_group)
 for _command in (doctor, conform):
     app.command()(_command)
-# The help names it above its list, which has room for no more.
+# The help names it above its list, whose lines have no room for it.
 app.command(hidden=True)(explain)
 
 
 def main() -> None:
     """Run the command line; errors become one line and an exit code.
 
-    Signals that would end it are gone through in good order, and neither they nor its own end wait
-    for a terminal or a pipe that is not read.
+    A signal that ends the process runs the clean-up first; the end never waits for a terminal or a
+    pipe that is not read.
     """
     make_logs_printable()
     code = EXIT_FAILED
@@ -92,15 +93,15 @@ def main() -> None:
                 if why := output.why_unwritten(error):
                     print(f"cardan: {why}", file=sys.stderr)
             output.finish("stderr")
-    except SystemExit as ending:  # Told to end while it waited for a reader.
+    except SystemExit as ending:  # Ended by a signal while it waited for a reader.
         code = _code(ending)
     sys.exit(code)
 
 
 def _run() -> int:
-    """Run the command line; the exit code."""
+    """Run the command line; return the exit code."""
     try:
-        # The name that the shell's completion is installed for, however it was started.
+        # Shell completion is installed for this name, whatever the program was started as.
         return app(standalone_mode=False, prog_name="cardan") or EXIT_OK
     except (ConfigurationError, ControlError, ScriptError, CaptureError) as error:
         return _fail(error, EXIT_USAGE)
@@ -120,13 +121,25 @@ def _run() -> int:
             sys.excepthook(type(error), error, error.__traceback__)
             return EXIT_FAILED
         if type(error).__name__ == "NoArgsIsHelpError":
-            if text := message():  # With rich, this prints it.
+            if text := message():  # With rich installed, typer prints the error itself.
                 print(text)
             return EXIT_USAGE
         words = " ".join(message().split()).removesuffix(".")
+        if (near := _near(words, context)) and "Did you mean" not in words:
+            words += f". Did you mean {near}?"
         command = context.command_path if context is not None else "cardan"
-        print_problem(f"{words}; `{command} --help` says what there is")
+        if words.endswith("?"):
+            print_problem(f"{words[:-1]}? `{command} --help` says what there is")
+        else:
+            print_problem(f"{words}; `{command} --help` says what there is")
         return EXIT_USAGE
+
+
+def _near(words: str, context: typer.Context | None) -> str:
+    """Commands of the group that have the missing name in theirs; empty: none."""
+    typed = re.match("No such command '(.+)'", words)
+    names = getattr(getattr(context, "command", None), "commands", {})
+    return " or ".join(repr(name) for name in names if typed and typed[1] in name)
 
 
 def _fail(error: CardanError, code: int) -> int:

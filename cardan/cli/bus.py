@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cardan.bus.network import Topic
 
 MESSAGES_KEPT: Final = 1000
-"""Messages that wait to be printed; of more, some are not."""
+"""Largest number of messages that wait to be printed; beyond it some are dropped."""
 
 SHOWN_S: Final = 1.0
 """Period at which `hz` prints its counts."""
@@ -54,9 +54,9 @@ TopicName = Annotated[
 def bus_options(
     session: Path | None, router: str = "", *, quiet: bool = False, publishes: bool = False
 ) -> BusOptions:
-    """Options to join the bus of a session's file, or by a router; without both, the defaults, or
-    the only router of this user's on this computer, which is printed unless `quiet`; a command that
-    `publishes` joins only a router that was named. Raises ConfigurationError."""
+    """Return the options to join the bus of a session's file, or by a router. Without both: the
+    defaults, or the only router of this user on this computer, which is printed unless `quiet`.
+    With `publishes`, only a named router is joined. Raises ConfigurationError."""
     from cardan.bus.discovery import reachable
     from cardan.gateway.session.assembly import load_config
 
@@ -76,7 +76,7 @@ def bus_options(
 
 
 def met_here(options: BusOptions) -> BusOptions:
-    """`options`, or those of the only router of this computer if there is none at their own
+    """Return `options`, or those of the only router of this computer if none serves at their
     address. Raises ConfigurationError if there are several."""
     from cardan.bus.router import is_served, router_address, routers_here
 
@@ -106,7 +106,7 @@ def network(
 ) -> None:
     """List the nodes, topics and services that are on the bus.
 
-    Joins it, looks for two seconds, and says what to do if it finds no node."""
+    Joins it, waits two seconds, and prints advice if it finds no node."""
     from cardan.bus.discovery import discover, remedies, unseen
 
     options = bus_options(file, router)
@@ -227,8 +227,8 @@ def hz(
 
 
 def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tuple[bytes, Topic]]:
-    """The messages of a topic as they come, for `seconds`. Raises ConfigurationError for a topic
-    that does not appear."""
+    """Yield the messages of a topic as they arrive, for `seconds`. Raises ConfigurationError if the
+    topic does not appear."""
     from cardan.bus.discovery import published
     from cardan.bus.zenoh_network import BusNetwork
 
@@ -256,8 +256,8 @@ def messages(
 ) -> None:
     """Write the ROS 2 packages of Cardan's own messages.
 
-    No distribution has them: colcon builds them, and then stock programs can use all that an arm
-    offers."""
+    No distribution has them: build them with colcon, and standard programs can use all functions of
+    an arm."""
     from cardan.bus.message_packages import write_packages
 
     for place in write_packages(folder):

@@ -35,12 +35,13 @@ EPILOG = (
 
 
 def closing(example: str) -> str:
-    """The end of a command's help, which says how it is typed."""
+    """Return the end of a command's help, with the example of its use."""
     return f"Example: {example.strip()}\n\n{EPILOG}"
 
 
 def check_seconds(seconds: float | None) -> float | None:
-    """A duration from the command line, s. Raises OptionError unless it is 0 or more, and ends."""
+    """Return a duration from the command line, s. Raises OptionError unless finite and at least
+    0."""
     if seconds is not None and not 0.0 <= seconds < math.inf:
         raise OptionError("--seconds", seconds, "a finite number of seconds, 0 or more")
     return seconds
@@ -81,10 +82,10 @@ def begin_serving(
     default: LogLevel = LogLevel.WARNING,
     form: LogFormat | None = None,
 ) -> None:
-    """Begin a command that runs until it is stopped: its log goes to standard error, and a reader
-    that does not read its output does not block it.
+    """Begin a command that runs until it is stopped: log to standard error, and never block on a
+    reader of its output.
 
-    A level or form that is not given is the daemon's that runs it, else `default`, and text.
+    Defaults: the level and form of the daemon that runs it, else `default` and text.
 
     Raises ConfigurationError for `verbose` with another level than debug.
     """
@@ -106,7 +107,7 @@ def print_problem(words: str, keep: str = "") -> None:
 
 
 def print_json(value: Any) -> None:
-    """Print a value as one line of JSON; numbers that are not finite are null."""
+    """Print a value as one line of JSON; non-finite numbers become null."""
     print(json.dumps(_plain(value)), flush=True)
 
 
@@ -133,7 +134,7 @@ def print_unusable(found: Loaded[Any]) -> None:
 def print_table(
     columns: Sequence[str], rows: Iterable[Iterable[str]], as_json: bool = False
 ) -> None:
-    """Print rows of cells under their columns' names; or as JSON, a list of objects."""
+    """Print rows of cells under the columns' names; or as JSON, a list of objects."""
     if as_json:
         keys = [each.replace(" ", "_") for each in columns]
         print_json([dict(zip(keys, cells, strict=True)) for cells in rows])
@@ -144,12 +145,12 @@ def print_table(
 
     table = Table(*columns, box=None)
     for cells in rows:
-        # Brackets in a cell are no markup.
+        # Brackets in a cell are not markup.
         table.add_row(*(Text(printable(cell), overflow="fold") for cell in cells))
     Console().print(table)
 
 
 def page_path(page: str) -> str:
-    """Path of a page of the documentation, relative to the repository: `page` is relative to its
-    docs/. A URL, and no page, stay as they are."""
+    """Return the path of a documentation page from the repository's root. `page` is relative to
+    docs/. A URL or an empty text is returned unchanged."""
     return posixpath.normpath(f"docs/{page}") if page and "://" not in page else page

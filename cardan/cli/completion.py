@@ -1,6 +1,6 @@
 """Shell completion of names: demos, drivers, sessions, devices, topics, verbs, codes.
 
-A shell waits for these while the user types: they end soon, and print nothing if nothing is found.
+A shell waits for it while the user types: it ends quickly, and is silent if nothing is found.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from cardan.errors import CardanError
 if TYPE_CHECKING:
     from cardan.bus.options import BusOptions
 
-# Typer takes helps for markup of rich: it drops words in brackets, and breaks lines at 80 columns,
-# of which fish offers the second as one more word.
+# Typer takes helps for rich markup: it drops words in brackets and breaks lines at 80 columns. fish
+# offers the second line as another word.
 _completion_classes._sanitize_help_text = lambda text: text
 
 ANSWER_S: Final = 0.5
 """Longest wait for the daemon's answer; it takes a millisecond."""
 
 TOPICS_S: Final = 1.0
-"""Longest look for topics: on a quiet computer they are there in a third of it."""
+"""Longest search for topics; a quiet computer needs a third of it."""
 
 SETTLED_S: Final = 0.15
-"""The graph comes in pieces; after this time without a new one it is taken as complete."""
+"""The graph arrives in parts; after this time without a new one it is taken as complete."""
 
 LOOK_S: Final = 0.02
 
 Offered = list[tuple[str, str]]
-"""Words, each with its help, which some shells show."""
+"""Words with their help, which some shells show."""
 
 
 def demos(incomplete: str) -> Offered:
@@ -73,7 +73,7 @@ def robots(incomplete: str) -> Offered:
 
 
 def units(context: typer.Context, incomplete: str) -> Offered:
-    """Sessions and servers of the daemon that runs."""
+    """Sessions and servers of the running daemon."""
     return [
         (row["name"], f"{row['kind']}, {row['state']}")
         for row in _rows(context)
@@ -82,7 +82,7 @@ def units(context: typer.Context, incomplete: str) -> Offered:
 
 
 def sessions(context: typer.Context, incomplete: str) -> Offered:
-    """Sessions of the daemon that runs."""
+    """Sessions of the running daemon."""
     return [
         (row["name"], row["state"])
         for row in _rows(context)
@@ -100,7 +100,7 @@ def devices(context: typer.Context, incomplete: str) -> Offered:
 
 
 def sharers(context: typer.Context, incomplete: str) -> Offered:
-    """Sessions that share the device that was given before."""
+    """Sessions that share the device in the preceding argument."""
     device = context.params.get("device")
     names = [
         name
@@ -112,7 +112,7 @@ def sharers(context: typer.Context, incomplete: str) -> Offered:
 
 
 def topics(context: typer.Context, incomplete: str) -> Offered:
-    """Topics on the bus that the words before say how to join, as far as they are known soon."""
+    """Topics on the bus that the preceding arguments select, as far as they are found in time."""
     from cardan.cli.bus import bus_options
 
     session = context.params.get("session")
@@ -127,13 +127,13 @@ def topics(context: typer.Context, incomplete: str) -> Offered:
 
 
 def _topics(options: BusOptions) -> dict[str, str]:
-    """Names and types; looks until nothing new has come for SETTLED_S, TOPICS_S at most."""
+    """Return names and types of topics, once none is new for SETTLED_S; at most after TOPICS_S."""
     from cardan.bus.router import is_served, router_address
     from cardan.bus.zenoh_network import BusNetwork
 
     address = router_address(options)
     if address is not None and not is_served(address):
-        return {}  # No node would answer, and a shell waits.
+        return {}  # Discovery of nodes would take longer than a shell waits.
     with BusNetwork(options, f"cardan_completion_{time.time_ns() % 10**9}") as network:
         end_s = time.monotonic() + TOPICS_S
         changes, changed_s = network.changes, time.monotonic()
@@ -154,12 +154,12 @@ def verbs(incomplete: str) -> Offered:
 
 
 def _rows(context: typer.Context) -> list[Any]:
-    """Rows that `cardan daemon ps` would list."""
+    """Return the rows that `cardan daemon ps` would list."""
     return _asked(context, "units")
 
 
 def _asked(context: typer.Context, do: str) -> list[Any]:
-    """The daemon's answer; empty if no daemon answers."""
+    """Return the daemon's answer; empty if no daemon answers."""
     from cardan.gateway.daemon.client import ControlClient
 
     try:

@@ -184,8 +184,8 @@ def conform(
 
 
 def _as_it_is(printing: Mapping[str, bool], running: Mapping[str, bool]) -> None:
-    """Refuse options that mean nothing beside --capture: those that print something else and end,
-    and those of a run. Each is an option's name, and whether it was given."""
+    """Refuse options that have no meaning with --capture. `printing`: options that print something
+    else and end; `running`: those of a run. Each has its name, and whether it was given."""
     if ends := [name for name, given in printing.items() if given]:
         raise ConfigurationError(
             "--capture",
@@ -199,8 +199,8 @@ def _as_it_is(printing: Mapping[str, bool], running: Mapping[str, bool]) -> None
 
 
 def _look_whether_written(folder: Path) -> None:
-    """ConfigurationError where `folder` cannot be made, or nothing be written into it. It is made
-    when there is something to write."""
+    """Raise ConfigurationError if `folder` cannot be created or written. It is created when there
+    is something to write."""
     there = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
     if not there.is_dir():
         why = os.strerror(errno.EEXIST if there == folder else errno.ENOTDIR)

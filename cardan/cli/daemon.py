@@ -53,7 +53,7 @@ OfName = Annotated[
 
 
 def checked(config: DaemonConfig) -> DaemonConfig:
-    """A configuration, once the options of its servers are checked. Raises ConfigurationError."""
+    """Return a configuration whose servers' options are checked. Raises ConfigurationError."""
     from cardan.cli.server import check_words
     from cardan.gateway.servers.web import refuse_former_variable
 
@@ -192,7 +192,7 @@ def stop(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
 
 
 def restart(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
-    """Stop a session or a server of the daemon, and start it anew."""
+    """Stop a session or a server of the daemon, and start it again."""
     _order("restart", name, socket, as_json)
 
 
@@ -364,7 +364,7 @@ def _service(files: list[Path] | None, system: bool, account: str) -> Any:
     from cardan.gateway.daemon.config import read_daemon_config
     from cardan.gateway.daemon.service import make_service
 
-    checked(read_daemon_config(files or []))  # A unit that cannot run is reported now.
+    checked(read_daemon_config(files or []))  # Report now a unit that cannot run.
     user = account or os.environ.get("SUDO_USER") or getpass.getuser()
     return make_service(files or [], system=system, account=user)
 
@@ -391,7 +391,7 @@ def install_service(files: Files = None, system: System = False, user: Account =
 
 @service.command("remove")
 def remove_service(system: System = False) -> None:
-    """End the service and remove its unit."""
+    """Stop the service and remove its unit."""
     from cardan.gateway.daemon.service import installed, remove
 
     for line in remove(installed(system)):
@@ -408,5 +408,5 @@ daemon.add_typer(service)
 daemon.command("run")(serve)
 for _command in (ps, top, start, stop, restart, switch, reload, log, events):
     daemon.command()(_command)
-# Of an arm's verbs -0.1 is a number, and no option.
+# Among an arm's verbs, -0.1 is a number and not an option.
 daemon.command(context_settings={"ignore_unknown_options": True})(arm)

@@ -112,7 +112,7 @@ def drivers(
 
 
 def _merged(found: Sequence[FoundDevice]) -> list[FoundDevice]:
-    """`found`, with one row for all drivers whose search is prevented by the same thing."""
+    """Merge the rows of all drivers whose search fails for the same reason."""
     rows: dict[object, list[FoundDevice]] = {}
     for number, device in enumerate(found):
         hidden = device.obstacle and not (device.path or device.identity)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _MARKS = {"good": "✓", "caution": "!", "failure": "✗"}
 _PLAIN_MARKS = {"good": "+", "caution": "!", "failure": "x"}
-"""For an output that has no other characters."""
+"""Marks for an output that cannot encode others."""
 _STYLES = {"good": "green", "caution": "yellow", "failure": "bold red"}
 
 

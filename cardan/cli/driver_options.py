@@ -1,4 +1,4 @@
-"""The options of a driver as tables print them: of its dataclass, the text below each field too."""
+"""Driver options for tables, from a dataclass and the text below each of its fields."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class DriverOption(NamedTuple):
 
 
 def driver_options(options: type) -> list[DriverOption]:
-    """The fields of a dataclass of options, in their order."""
+    """Return the fields of an options dataclass, in their order."""
     kinds, texts = hints(options), texts_below(options)
     return [
         DriverOption(
@@ -50,18 +50,18 @@ def _written(value: Any) -> str:
 
 
 def _allowed(hint: Any) -> str:
-    """In words: choices, the first range, and the form of a text."""
+    """Describe the allowed values: choices, the first range, and the form of a text."""
     notes = list(_notes(hint))
     first = next((note for note in notes if isinstance(note, Range)), None)
     words = [note for note in notes if isinstance(note, str)]
-    if first is not None:  # Its unit is in the option's name or its meaning.
+    if first is not None:  # The unit is in the option's name or description.
         words.append(str(dataclasses.replace(first, unit="", zero="")))
         words += [f"0: {first.zero}"] if first.zero else []
     return ", ".join(dict.fromkeys(words))
 
 
 def _notes(hint: Any) -> Iterator[str | Range]:
-    """Choices and ranges that an annotation allows."""
+    """Yield the choices and ranges that an annotation allows."""
     if get_origin(hint) is Literal:
         yield from map(_written, get_args(hint))
         return

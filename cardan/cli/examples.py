@@ -1,4 +1,4 @@
-"""An example of use for each command of a group in `SECTIONS`, at the end of its help.
+"""Examples of use at the end of the help of each command of a group in `SECTIONS`.
 
 Simulated peers and servers declare theirs beside their options."""
 
@@ -49,4 +49,4 @@ EXAMPLES: Final = {
     "robots list": "cardan robots list",
     "robots show": "cardan robots show ur5",
 }
-"""By the name of the group and that of the command."""
+"""Examples by the names of the group and of the command."""

@@ -1,6 +1,6 @@
-"""Groups of commands: Cardan's own by what they are for, then those of other packages, for each
-entry point of the group a function, as typer has it, or a class of commands, which makes its
-options when it is asked for them."""
+"""Groups of commands: Cardan's own by purpose, then those of other packages. An entry point of the
+group is a function, as typer takes it, or a class of commands, whose options are made when it is
+loaded."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class _Functions(Finder[Any]):
 
 
 def _command(point: str, function: Callable[..., Any]) -> Any:
-    """The command of an entry point, NAME or GROUP.NAME. Raises ConfigurationError."""
+    """Load the command of an entry point, NAME or GROUP.NAME. Raises ConfigurationError."""
     group, _, name = point.rpartition(".")
     if group and group not in SECTIONS:
         there = ", ".join(each for each in SECTIONS if each != TOP)
@@ -78,12 +78,12 @@ def _command(point: str, function: Callable[..., Any]) -> Any:
 
 
 class CommandGroup(TyperGroup):
-    """A group whose help has a line for each command, in sections, and then its options. The help
-    of a command of `EXAMPLES` ends with that, and with the exit codes."""
+    """Group whose help lists each command in sections, and then its options. The help of a command
+    of `EXAMPLES` ends with the example and the exit codes."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        # Helps of all commands below are as wide as the terminal.
+        # The help of all commands below is as wide as the terminal.
         self.context_settings.setdefault("max_content_width", sys.maxsize)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -91,7 +91,7 @@ class CommandGroup(TyperGroup):
         return None if command is None else self._described(command, cmd_name)
 
     def _described(self, command: Any, name: str) -> Any:
-        # A registry's commands are described in one sentence, which is listed whole.
+        # Commands of a registry have a one-sentence help, which is listed whole.
         whole = isinstance(self.commands, Commands)
         command.short_help = _summary(command) if whole else _on_a_line(command)
         if example := EXAMPLES.get(f"{self.name} {name}"):
@@ -111,13 +111,13 @@ class CommandGroup(TyperGroup):
                 formatter.write_dl(lines)
 
     def section_of(self, name: str) -> str:
-        """The section of the help that has the command."""
+        """Return the section of the help that lists the command."""
         return "Commands"
 
 
 class OpenGroup(CommandGroup):
-    """A group of `SECTIONS`: Cardan's own commands, then those of other packages, which are
-    imported when asked for."""
+    """Group of `SECTIONS`: Cardan's own commands, then those of other packages, which are imported
+    on use."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -126,12 +126,12 @@ class OpenGroup(CommandGroup):
         self._sections = SECTIONS[self.name or TOP]
 
     def _point(self, name: str) -> str:
-        """The entry point of a command."""
+        """Return the entry point of a command."""
         return name if self.name == TOP else f"{self.name}.{name}"
 
     def _found(self) -> Iterator[str]:
-        """Commands of other packages; those of no group that there is are at the top, and say
-        so."""
+        """Yield the commands of other packages; those of an unknown group are listed at the top
+        with a remark."""
         for point in self._others:
             group, _, name = point.rpartition(".")
             if group == self.name:
@@ -156,7 +156,7 @@ class OpenGroup(CommandGroup):
         )
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        # A shell that completes is told nothing.
+        # No messages during shell completion.
         group = "" if self.name == TOP else self.name or ""
         said = now_called(args, group) if args and not ctx.resilient_parsing else ""
         if said and self.get_command(ctx, args[0]) is None:
@@ -165,11 +165,11 @@ class OpenGroup(CommandGroup):
 
 
 def _on_a_line(command: Any) -> str:
-    """Description of a command in a list: the first sentence of its help, or the
-    part of it before its colon."""
+    """Describe a command in a list: the first sentence of its help, or the part before its
+    colon."""
     return re.split(r"[.:](?=\s|$)", _summary(command), maxsplit=1)[0]
 
 
 def _summary(command: Any) -> str:
-    """The help of a command on one line."""
+    """Return the help of a command on one line."""
     return " ".join((command.help or "").split())

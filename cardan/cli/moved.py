@@ -26,7 +26,7 @@ MOVED: Final = {
     "network": "net list",
     "serve": "daemon run",
 }  # fmt: skip
-"""New names, the words after `cardan`, by the old ones."""
+"""New command by the old one, both without `cardan`."""
 
 _UNIT: Final = (
     "; a service of systemd that still says `serve` does not start: "
@@ -35,8 +35,8 @@ _UNIT: Final = (
 
 
 def now_called(args: Sequence[str], group: str = "") -> str:
-    """Advice for a user who types `cardan` and `args`, or `cardan`, a group and `args`; empty if
-    the first never was a command, or is not one of that group's today."""
+    """Return advice for a user who types `cardan` and `args`, or `cardan`, a group and `args`.
+    Empty if the first word was never a command, or is not a former command of that group."""
     name = args[0]
     if name not in MOVED or not f"{MOVED[name]} ".startswith(f"{group} " if group else ""):
         return ""

@@ -48,20 +48,20 @@ class Registry(Protocol):
     """Classes by name: drivers, simulated peers, servers."""
 
     def names(self) -> tuple[str, ...]:
-        """All names that can be loaded."""
+        """Return all names that can be loaded."""
 
     def load(self, name: str) -> Any:
-        """The class called `name`. Raises ConfigurationError."""
+        """Load the class `name`. Raises ConfigurationError."""
 
     def load_all(self) -> Loaded[Any]:
-        """Every class, and why others cannot be loaded."""
+        """Load every class, and collect the reasons why others cannot be loaded."""
 
     def using(self, name: str, key: str) -> AbstractContextManager[None]:
         """Raise errors of another package's class inside as a ConfigurationError of `key`."""
 
 
 class Given(NamedTuple):
-    """A field of an options dataclass that the command line sets."""
+    """Field of an options dataclass that is set on the command line."""
 
     field: dataclasses.Field[Any]
     type: Any
@@ -71,12 +71,12 @@ class Given(NamedTuple):
 
     @property
     def flag(self) -> str:
-        """The option as it is written."""
+        """Return the option as it is typed."""
         return f"--{self.option.name or name_and_unit(self.field.name)[0]}"
 
     @property
     def choices(self) -> dict[str, Any]:
-        """The values of an enum's or a Literal's type by their names; none for other types."""
+        """Return the values of an enum or Literal type by name; empty for other types."""
         found: dict[str, Any] = {}
         for each in (self.type, *get_args(self.type)):
             if isinstance(each, type) and issubclass(each, enum.Enum):
@@ -87,7 +87,7 @@ class Given(NamedTuple):
 
     @property
     def default_port(self) -> int:
-        """The port of an option HOST:PORT where none is given."""
+        """Return the default port of an option HOST:PORT."""
         defaults: dict[str, Any] = {
             each.name: each.default for each in dataclasses.fields(self.owner)
         }
@@ -96,7 +96,7 @@ class Given(NamedTuple):
 
     @property
     def parameter(self) -> inspect.Parameter:
-        """The parameter for typer. Its default is the field's, or None where `read` makes the
+        """Return the parameter for typer. Its default is the field's, or None if `read` makes the
         value."""
         option, default = self.option, self.field.default
         kind: Any = self.type
@@ -119,7 +119,7 @@ class Given(NamedTuple):
         return parameter_of(self.field.name, Annotated[kind, spec], default)
 
     def values(self, given: Any) -> dict[str, Any]:
-        """Values of the fields that `given` sets; empty where it keeps the defaults."""
+        """Return the values of the fields that `given` sets; empty if it keeps the defaults."""
         name, option = self.field.name, self.option
         if self.type is bool:
             return {name: not self.field.default} if given else {}
@@ -160,8 +160,8 @@ def parameter_of(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 
 def all_given(options: type, described: bool = False) -> Iterator[Given]:
-    """The fields that `option` made, those of dataclasses inside included; where they are
-    `described`, the others too, each by the text below it."""
+    """Yield the fields made by `option`, also those of nested dataclasses. With `described`, yield
+    the other fields too, each with the text below it."""
     types = get_type_hints(options)
     texts = texts_below(options) if described else {}
     for each in dataclasses.fields(options):
@@ -175,28 +175,28 @@ def all_given(options: type, described: bool = False) -> Iterator[Given]:
 
 
 def _described(field: dataclasses.Field[Any], kind: Any, text: str) -> Option:
-    """The option of a field whose help is `text`. A tuple of texts is given one by one."""
+    """Return the option of a field with the help `text`. A tuple's items are given one by one."""
     if get_origin(kind) is tuple:
         shown = f" [default: {', '.join(field.default)}]" if field.default else ""  # type: ignore[arg-type]
         return Option(help=f"{text}{shown} (repeatable)", read=str, repeatable=True)
-    # A flag turns off a default.
+    # The flag turns off a default of True.
     name = f"no-{name_and_unit(field.name)[0]}" if kind is bool and field.default else ""
     return Option(help=text, name=name)
 
 
 def texts_below(options: type) -> dict[str, str]:
-    """The text below each field, of the classes that this one inherits from too."""
+    """Return the text below each field, those of inherited classes included."""
     found: dict[str, str] = {}
     for each in reversed(options.__mro__):
         if dataclasses.is_dataclass(each):
-            # Where there is no source, as in some packed programs, options have no help.
+            # Without source, as in some packed programs, options have no help.
             with contextlib.suppress(OSError):
                 found.update(_texts_of(inspect.getsource(each)))
     return found
 
 
 def _texts_of(source: str) -> dict[str, str]:
-    """The text below each field of a class."""
+    """Return the text below each field of a class."""
     body = ast.parse(textwrap.dedent(source)).body[0]
     assert isinstance(body, ast.ClassDef)
     return {
@@ -212,7 +212,7 @@ def _text(node: ast.expr) -> str:
 
 
 def made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:
-    """`options` and its nested dataclasses, each made with its own values."""
+    """Return `options` with its nested dataclasses, each made with its own values."""
     types = get_type_hints(options)
     inside = {
         each.name: made(types[each.name], values)
@@ -223,7 +223,7 @@ def made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:
 
 
 def named(error: ConfigurationError, own: Mapping[str, Given]) -> ConfigurationError:
-    """The error with flags in place of its fields, if all of them have one."""
+    """Replace the names of fields in the error by flags, if all of them have one."""
     flags = {each.option.port_field: each.flag for each in own.values() if each.option.port_field}
     flags.update({field: each.flag for field, each in own.items()})
     keys = [key.rpartition(".")[2] for key in error.key.split(", ")]
@@ -236,7 +236,7 @@ def named(error: ConfigurationError, own: Mapping[str, Given]) -> ConfigurationE
 
 
 def broken(name: str, error: Exception) -> Any:
-    """Command in place of a class that cannot be loaded; it prints why."""
+    """Return a command for a class that cannot be loaded; it prints the reason."""
 
     def run() -> None:
         raise error
@@ -251,8 +251,8 @@ class Commands(Mapping[str, Any]):
     """The commands of a registry by name; a class is imported when its command is looked up."""
 
     def __init__(self, registry: Registry, word: str, make: Callable[[str, Any], Any]) -> None:
-        """`make` makes the command of a name and its class; `word` is the term for one. Commands
-        that only the source tree has say where, and are not listed."""
+        """`make` makes the command of a name and its class; `word` is the term for an entry.
+        Commands that only the source tree has print the place, and are not listed."""
         self._registry, self._word, self._make = registry, word, make
         self._made: dict[str, Any] = {}
 
@@ -279,7 +279,7 @@ class Commands(Mapping[str, Any]):
 def collected(
     own: Mapping[str, Given], given: Mapping[str, Any]
 ) -> defaultdict[type, dict[str, Any]]:
-    """Values that the command line gives for fields, by the dataclasses that they belong to."""
+    """Collect the values of fields from the command line, by the dataclasses that own them."""
     values: defaultdict[type, dict[str, Any]] = defaultdict(dict)
     for field, value in given.items():
         if field in own:
@@ -292,15 +292,15 @@ SERVING = {"seconds": (Seconds, None), "verbose": (Verbose, False), "log_level":
 
 
 def serving_parameters() -> dict[str, inspect.Parameter]:
-    """The parameters of `SERVING`, for typer."""
+    """Return the parameters of `SERVING`, for typer."""
     return {name: parameter_of(name, kind, default) for name, (kind, default) in SERVING.items()}
 
 
 def run_logged(
     run: Callable[[], int | None], own: Mapping[str, Given], verbose: bool, level: LogLevel | None
 ) -> None:
-    """Run a command that serves: its log goes to standard error, errors of fields name their flags,
-    and another code than 0 is the exit code."""
+    """Run a command that serves: log to standard error, name flags in errors of fields. An exit
+    code other than 0 is passed on."""
     begin_serving(verbose, level, LogLevel.INFO)
     try:
         code = run()
@@ -318,12 +318,12 @@ def command_of(
     parameters: Mapping[str, inspect.Parameter],
     run: Callable[..., None],
 ) -> Any:
-    """The command `name` of `group` that calls `run` with `parameters`, its `own` fields among
-    them; help, epilog and example are those of the class `declared`."""
+    """Return the command `name` of `group`, which calls `run` with `parameters`, including its
+    `own` fields; help, epilog and example are those of the class `declared`."""
     run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
     run.__annotations__ = {key: each.annotation for key, each in parameters.items()}
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    # Words that follow a program's name are the program's own.
+    # Words after a program's name belong to the program.
     interspersed = not any(each.option.positional for each in own.values())
     app.command(
         name,
@@ -341,9 +341,8 @@ def listed(
     columns: tuple[str, str],
     as_json: bool,
 ) -> None:
-    """Of a group of commands without one of them: where it is `wanted`, print what there is, each
-    with its summary, and what cannot be used. Ends the command, or does nothing where one of them
-    was given."""
+    """Handle a group without a command. If `wanted`, print its commands with their summaries, and
+    unusable ones, and end. Return at once if a command was given."""
     if wanted:
         found = registry.load_all()
         rows = (

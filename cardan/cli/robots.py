@@ -1,4 +1,4 @@
-"""``cardan robots``: the arms there are, and the file of one's own."""
+"""``cardan robots``: lists known arms, and makes the file of a new one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ robots = typer.Typer(
 )
 
 POSTURES = 3
-"""Drawn beside home."""
+"""Postures that are drawn beside home."""
 
 
 @robots.command()
@@ -188,7 +188,7 @@ def list_(as_json: AsJson = False) -> None:
 
 
 def _beside() -> list[tuple[str, str]]:
-    """Files of arms in this folder, and their URDFs."""
+    """Return the files of arms in this folder, and their URDFs."""
     from cardan.common.tables import read_toml
 
     found = []

@@ -84,7 +84,7 @@ def share(
 
 
 def _table(given: str) -> DriverTable:
-    """The table of a driver: of a file, or with its defaults."""
+    """Return the table of a driver: from a file, or with its defaults."""
     from cardan.drivers import registry
     from cardan.gateway.bus.sharing import SharedConfig
     from cardan.gateway.session.config import read_part
@@ -98,7 +98,7 @@ def _table(given: str) -> DriverTable:
 
 
 def _bus(router: str, listen: str, zenoh_config: str) -> BusOptions:
-    """How to be on the bus. Raises ConfigurationError."""
+    """Return the options to join the bus. Raises ConfigurationError."""
     from cardan.bus.options import BusOptions
 
     if sum(map(bool, (router, listen, zenoh_config))) > 1:

@@ -59,7 +59,7 @@ def _sim(
 
 
 def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
-    """The command of a peer, as typer makes it of a function."""
+    """Return the command of a peer, for typer."""
     own = {each.field.name: each for each in all_given(peer.Options)}
     fields = {each.name: each for each in dataclasses.fields(peer.Options)}
     parameters = {name: each.parameter for name, each in own.items()}
@@ -68,7 +68,7 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
         if field in fields:
             default = None if field == "faults" else fields[field].default
             shared = parameter_of(field, annotation, default)
-            parameters[field] = parameters.pop(field, shared)  # Keeps the common order.
+            parameters[field] = parameters.pop(field, shared)  # Keep the common order.
     lists = _lists(peer, own, fields)
     for flag, (help_, _) in lists.items():
         wanted = Annotated[bool, typer.Option(f"--list-{flag}", help=help_)]
@@ -101,7 +101,7 @@ Lines = Callable[[], Iterator[str]]
 def _lists(
     peer: type[PeerCommand[Any]], own: Mapping[str, Given], fields: Mapping[str, Any]
 ) -> dict[str, tuple[str, Lines]]:
-    """Help and printed lines of each ``--list-...``, by the rest of the option's name."""
+    """Return help and printed lines of each ``--list-...``, by the rest of the option's name."""
 
     def values(listed: Sequence[tuple[str, str]]) -> Lines:
         width = max(16, *(len(value) for value, _ in listed))

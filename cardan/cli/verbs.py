@@ -1,4 +1,4 @@
-"""The verbs of the Cartesian interface, as words of a command line."""
+"""Verbs of the Cartesian interface as words of a command line."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ if TYPE_CHECKING:
     from cardan.gateway.arm.verb_results import Motion
 
 LOOK_S: Final = 0.05
-"""How often it looks whether a motion has ended."""
+"""Period of checks whether a motion has ended."""
 
 
 SET_ONE: Final = "set_parameter"
-"""Verb of the command line for programs' `set_parameters` of one."""
+"""Verb of the command line that sets one parameter by the programs' verb `set_parameters`."""
 
 
 def offered() -> Mapping[str, Takes]:
-    """The verbs of the command line, each with its arguments."""
+    """Return the verbs of the command line, each with its arguments."""
     verbs = {v.name: v.takes for v in VERB_TABLE.values() if v.in_packets and v.preset is None}
     return {**verbs, SET_ONE: VALUES._replace(words="a parameter and its value", counts=(2,))}
 
 
 def carry_out(arm: CartesianArm, verb: str, words: Sequence[str], wait: bool) -> tuple[Any, bool]:
-    """Carry out a verb of `arm`; its result, and whether a motion that was waited for arrived.
+    """Execute a verb of `arm`; return its result, and whether an awaited motion arrived.
 
     Raises ConfigurationError for an unknown verb or wrong words, and any error of the verb.
     """
@@ -53,8 +53,7 @@ def carry_out(arm: CartesianArm, verb: str, words: Sequence[str], wait: bool) ->
 
 
 def _awaited(arm: CartesianArm, motion: Motion) -> bool:
-    """Wait for the end of a motion, and whether it arrived; an interrupt stops the
-    arm."""
+    """Wait for the end of a motion; return True if it arrived. An interrupt stops the arm."""
     try:
         while not motion.over:
             time.sleep(LOOK_S)
@@ -65,12 +64,12 @@ def _awaited(arm: CartesianArm, motion: Motion) -> bool:
 
 
 def in_words(result: Any) -> str:
-    """The result of a verb, for people."""
+    """Return the result of a verb as text."""
     return _motion(result) if hasattr(result, "outcome") else _shown(result)
 
 
 def as_plain(result: Any) -> Any:
-    """The result of a verb, for programs: a motion as its state."""
+    """Return the result of a verb for programs: a motion as its state."""
     if not hasattr(result, "outcome"):
         return result
     keys = ("verb", "source", "ends", "outcome", "reason", "note", "duration_s")
@@ -85,7 +84,7 @@ def _motion(motion: Motion) -> str:
 
 
 def _shown(result: Any) -> str:
-    """A result in lines of text."""
+    """Return a result in lines of text."""
     if result is None or result is True:
         return ""
     if result is False:

@@ -1,6 +1,6 @@
 """The one place that imports numpy and the libraries of an arm's model: an optional extra.
 
-They take half a gigabyte, which a program that uses one driver does without. Modules that need an
+They take half a gigabyte, which a program with one driver need not install. Modules that need an
 arm's model import them from here, so that the error for a missing one is the same everywhere.
 """
 

@@ -1,8 +1,8 @@
 """Allowed ranges of numbers and forms of texts in a configuration, with physical reasons.
 
-A range stands in the annotation of its field, ``Annotated[float, LINEAR_SPEED_M_S]``, and nowhere
-else; :class:`cardan.common.options.Options` reads it there. A number outside is a mistake, and
-could overflow on its way to a robot.
+A range is part of the annotation of its field, ``Annotated[float, LINEAR_SPEED_M_S]``, and nowhere
+else; :class:`cardan.common.options.Options` reads it there. A number outside is an error, and could
+overflow in a later computation.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from typing import Annotated
 
 @dataclass(frozen=True)
 class Range:
-    """From `lowest` to `highest`, both allowed unless `above` or `below` says otherwise."""
+    """Range from `lowest` to `highest`, both allowed unless `above` or `below` is set."""
 
     lowest: float
     highest: float
     unit: str
     reason: str
-    """Why the upper limit is no higher, and where it matters, the lower one no lower."""
+    """Physical reason for the upper limit, and if it matters, for the lower one."""
     above: bool = False
-    """`lowest` itself is not allowed."""
+    """True if `lowest` itself is not allowed."""
     below: bool = False
-    """`highest` itself is not allowed."""
+    """True if `highest` itself is not allowed."""
     zero: str = ""
-    """Special meaning of 0; empty: it has none."""
+    """Special meaning of 0; empty: none."""
 
     def __contains__(self, value: object) -> bool:
-        """True for a number in the range; never for NaN, for a bool, or for a text."""
+        """Return whether a value is a number in the range; never for NaN, a bool, or a text."""
         if not isinstance(value, (int, float)) or isinstance(value, bool):
             return False
         high_enough = value > self.lowest if self.above else value >= self.lowest
@@ -60,7 +60,7 @@ class Text:
     words: str
     """Description of the allowed texts, for messages."""
     most_bytes: int = 0
-    """In UTF-8; 0: any number."""
+    """Largest size in UTF-8; 0: unlimited."""
 
     def __contains__(self, value: object) -> bool:
         return (
@@ -78,7 +78,8 @@ class Host(Text):
     """The address or the name of one computer, for ``Annotated[str, HOST]``."""
 
     listens: bool = False
-    """An address to listen on: may be all of this computer's own (0.0.0.0)."""
+    """True for an address to listen on: it may stand for all addresses of this computer
+    (0.0.0.0)."""
 
     def __contains__(self, value: object) -> bool:
         if not super().__contains__(value):
@@ -94,11 +95,9 @@ _ALL_OWN = "an address that stands for all of a computer's"
 
 
 def shared_address(host: str) -> str:
-    """Kind of address of a `host` that is not one computer alone; empty if it may be one, and for a
-    name.
-
-    A network's own broadcast address looks like any other (`cardan.common.sockets` asks).
-    """
+    """Return the kind of a `host` address that is not one computer alone; empty if it may be one,
+    and for a name. A network's own broadcast address is not recognizable (`cardan.common.sockets`
+    queries the system)."""
     import ipaddress
     import socket
 
@@ -130,10 +129,10 @@ class Located:
     pattern: str = "(?P<path>.+)"
     """Regular expression of texts that are paths, with the group `path`."""
     is_read: bool = True
-    """Whether the file must be there."""
+    """True if the file must exist."""
     is_met: bool = False
-    """Whether another program is met there, whose command line names it: relative to the working
-    folder."""
+    """True for a path shared with another program, whose command line names it: relative to the
+    working folder."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +140,7 @@ class Directed:
     """A vector that is not zero, for ``Annotated[tuple[...], Directed()]``."""
 
     shortest: float = 1e-9
-    """A vector that is not longer has no direction that rounding leaves."""
+    """Longest vector that counts as zero, because rounding leaves it no direction."""
 
     def __contains__(self, value: object) -> bool:
         return isinstance(value, (tuple, list)) and math.hypot(*value) > self.shortest
@@ -309,7 +308,7 @@ NOISE_COUNTS = Range(0, 1_000_000, "counts", "no device's raw numbers are larger
 
 _BYTE = "(25[0-5]|2[0-4][0-9]|1[0-9][0-9]|[1-9]?[0-9])"
 _SOCKET_PATH_BYTES = 107
-"""Longest path in the address of a Unix socket."""
+"""Longest path in the address of a Unix socket, bytes."""
 
 PORT = Range(1, 65535, "", "ports have 16 bits")
 ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
@@ -326,10 +325,10 @@ _IPV4 = rf"{_BYTE}(\.{_BYTE}){{3}}"
 IPV4 = Host(_IPV4, f"an IPv4 address, as 127.0.0.1, {_OWN}", listens=True)
 FILE = Located()
 PATH = Located(is_read=False)
-"""A file or a socket that need not be there when the configuration is read."""
+"""Path of a file or a socket that need not exist when the configuration is read."""
 MEETING = Located(is_read=False, is_met=True)
-"""A Unix socket of another program's command line."""
+"""Path of a Unix socket on another program's command line."""
 ARM_FILE = Located(r"(?i)(?![a-z_]\w*:)(?P<path>.+\.(toml|urdf|xacro))")
-"""An arm's name, PACKAGE:FILE, or a path."""
+"""Name of an arm, PACKAGE:FILE, or a path."""
 DDS_CONFIG = Located(r"file://(?P<path>.+)")
 SOCKET_PATH = Text(r"[^\0]+", f"a path of up to {_SOCKET_PATH_BYTES} bytes", _SOCKET_PATH_BYTES)

@@ -1,4 +1,4 @@
-"""Bounds from which a motion can still stop where it must, in discrete time."""
+"""Bounds from which a motion can still stop in time, in discrete time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from cardan.types import Vector3
 
 
 def stopping_speed(distance: float, acceleration: float, dt_s: float) -> float:
-    """The highest speed that, held for one period, leaves enough distance to stop.
-
-    That is the v with v·dt + v²/(2a) = distance, in units of `distance` per s; zero at or beyond
-    the end, and where `distance` is NaN. A point that always moves at most at this speed slows by
-    at most `acceleration` and never passes the end, also when the periods that follow are shorter
-    or longer, as they are when datagrams get lost. (sqrt(2·a·d) and the bound for a fixed period
+    """Return the highest speed that, held for one period, leaves enough distance to stop: the v
+    with v·dt + v²/(2a) = distance, in units of `distance` per s; zero at or beyond the end, and if
+    `distance` is NaN. A point that always moves at most at this speed slows by at most
+    `acceleration` and never passes the end, also when the periods that follow are shorter or
+    longer, as they are when datagrams get lost. (sqrt(2·a·d) and the bound for a fixed period
     overshoot then.)
     """
     if not distance > 0.0:
@@ -30,10 +29,8 @@ def stopping_speeds(
     acceleration: Sequence[float],
     dt_s: float,
 ) -> tuple[list[float], list[float]]:
-    """The lowest and the highest velocity along each axis that can be stopped at its ends.
-
-    An end may be infinite. An axis beyond one of its ends may only move inwards.
-    """
+    """Return the lowest and the highest velocity along each axis from which it can stop at its
+    ends. An end may be infinite. An axis beyond one of its ends may only move inwards."""
     axes = list(zip(positions, lower, upper, acceleration, strict=True))
     return (
         [-stopping_speed(q - low, a, dt_s) for q, low, _, a in axes],
@@ -44,13 +41,13 @@ def stopping_speeds(
 def clipped(
     values: Sequence[float], lowest: Sequence[float], highest: Sequence[float]
 ) -> tuple[float, ...]:
-    """`values`, each within its bounds."""
+    """Return `values`, each within its bounds."""
     bounds = zip(values, lowest, highest, strict=True)
     return tuple([min(max(v, low), high) for v, low, high in bounds])
 
 
 def towards(now: Vector3, target: Vector3, most: float) -> Vector3:
-    """`target`, or of the way to it from `now` the part that is no longer than `most`."""
+    """Return `target`, or the point at most `most` from `now` on the way to it."""
     x, y, z = now
     u, v, w = target
     u, v, w = u - x, v - y, w - z
@@ -69,11 +66,12 @@ def within_walls(
     most: float,
     braking: float = math.inf,
 ) -> tuple[float, float, float]:
-    """The next velocity of a point that is to stop at walls: `wanted`, or as much of it as fits.
+    """Return the next velocity of a point that must stop at walls: `wanted`, or as much of it as
+    possible.
 
     `lowest` and `highest` bound it along each axis (see :func:`stopping_speed`), `most` is the
-    longest change from `now`. The change that the walls demand comes first, along each axis no more
-    than `braking`; then the rest, as far as `most` reaches. All in the same unit, m/s.
+    longest change from `now`. The change that the walls need has priority, along each axis no more
+    than `braking`; the rest follows within `most`. All in the same unit, m/s.
     """
     fitting = clipped(wanted, lowest, highest)
     due = clipped(

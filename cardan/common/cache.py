@@ -1,4 +1,4 @@
-"""Cache of data that can be made again, in the user's cache folder, by a key of its sources."""
+"""Cache of reproducible data in the user's cache folder, by a key of its sources."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cardan.common import files
 
 
 def content_key(parts: Iterable[str | bytes]) -> str:
-    """Key that is the same for the same parts."""
+    """Return the key of the parts; equal parts have equal keys."""
     digest = hashlib.sha256()
     for part in parts:
         data = part if isinstance(part, bytes) else part.encode("utf-8", "surrogatepass")
@@ -21,13 +21,13 @@ def content_key(parts: Iterable[str | bytes]) -> str:
 
 
 def cached_text(kind: str, key: str) -> str | None:
-    """The text that `cache_text` has kept; None if there is none, or it is damaged."""
+    """Return a text kept by `cache_text`; None if there is none, or it is damaged."""
     data = cached_bytes(kind, key)
     return None if data is None else data.decode("utf-8", "surrogatepass")
 
 
 def cached_bytes(kind: str, key: str) -> bytes | None:
-    """The bytes that `cache_bytes` has kept; None likewise."""
+    """Return bytes kept by `cache_bytes`; None if there are none, or they are damaged."""
     try:
         with files.open_file(_path(kind, key)) as file:
             whole = files.read_up_to(file, files.MODEL_BYTES)
@@ -38,12 +38,12 @@ def cached_bytes(kind: str, key: str) -> bytes | None:
 
 
 def cache_text(kind: str, key: str, text: str) -> None:
-    """Keep a text, if the user has a folder that can be written to; else it is made again."""
+    """Keep a text if the user has a writable folder; else it must be made again."""
     cache_bytes(kind, key, text.encode("utf-8", "surrogatepass"))
 
 
 def cache_bytes(kind: str, key: str, data: bytes) -> bool:
-    """Keep bytes likewise. Returns whether they are kept."""
+    """Keep bytes if the user has a writable folder. Return whether they are kept."""
     try:
         path = _path(kind, key)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,5 @@
-"""Certificates (X.509, RFC 5280): made by the package cryptography, and read for how long they are
-valid, and for which names.
-
-Python's own module shows these of a peer's certificate only, after a handshake.
+"""Certificates (X.509, RFC 5280): made by the package cryptography; their validity and names are
+read here, because Python's own module shows them for a peer's certificate only, after a handshake.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ _EXTENSIONS: Final = 0xA3
 _DNS_NAME: Final = 0x82
 _ADDRESS: Final = 0x87
 _SUBJECT_ALTERNATIVE_NAMES: Final = bytes((0x55, 0x1D, 0x11))
-"""The object 2.5.29.17."""
+"""Object identifier 2.5.29.17."""
 
 
 class Certificate(NamedTuple):
@@ -29,11 +27,11 @@ class Certificate(NamedTuple):
     begins: datetime.datetime
     ends: datetime.datetime
     names: tuple[str, ...]
-    """Host names and addresses that it is for; browsers take no other notice of its subject."""
+    """Host names and addresses that it is valid for; browsers ignore its subject."""
 
 
 def read_certificate(pem: str) -> Certificate:
-    """The first certificate of a PEM file. Raises ValueError if there is none."""
+    """Read the first certificate of a PEM file. Raises ValueError if there is none."""
     head, foot = "-----BEGIN CERTIFICATE-----", "-----END CERTIFICATE-----"
     begin, end = pem.find(head), pem.find(foot)
     if begin < 0 or end < begin:
@@ -42,7 +40,7 @@ def read_certificate(pem: str) -> Certificate:
 
 
 def decode_certificate(der: bytes) -> Certificate:
-    """A certificate in DER. Raises ValueError for other bytes."""
+    """Decode a certificate in DER. Raises ValueError for other bytes."""
     try:
         return _certificate(der)
     except (IndexError, StopIteration, UnicodeDecodeError, OverflowError) as error:
@@ -66,7 +64,7 @@ def _certificate(der: bytes) -> Certificate:
 
 
 def _items(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Tag and content of each value in `data`."""
+    """Return tag and content of each value in `data`."""
     at = 0
     while at < len(data):
         tag, length, at = data[at], data[at + 1], at + 2
@@ -106,7 +104,7 @@ def _names(value: bytes) -> Iterator[str]:
 
 
 def is_address(name: str) -> bool:
-    """Whether it is an IP address, and no host name; one with a zone is neither."""
+    """Return whether it is an IP address without a zone, and no host name."""
     try:
         return "%" not in str(ipaddress.ip_address(name))
     except ValueError:
@@ -114,7 +112,8 @@ def is_address(name: str) -> bool:
 
 
 def make_key() -> tuple[Any, bytes]:
-    """A new private key of the package cryptography, and the same in PEM. Raises ImportError."""
+    """Make a private key of the package cryptography; return it, and the same in PEM. Raises
+    ImportError."""
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric import ec
 
@@ -133,11 +132,9 @@ def make_certificate(
     days: int,
     client: bool = False,
 ) -> bytes:
-    """A certificate in PEM for a key of the package cryptography, signed by the issuer's: of a
-    server or `client` with `names`; without names, of an authority.
-
-    It begins an hour ago, as clocks differ. Raises ImportError without the package.
-    """
+    """Make a certificate in PEM for a key of the package cryptography, signed with the issuer's: of
+    a server or `client` with `names`; without names, of an authority. It is valid from an hour ago,
+    because clocks differ. Raises ImportError without the package."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.x509.oid import ExtendedKeyUsageOID as Usage

@@ -1,9 +1,6 @@
-"""Clock of a page or of another computer, by the clock here: the age of the messages that it
-sends.
-
-Its clock has nothing in common with ours. A client that asks it for the time knows that it was read
-between request and reply: the quickest recent round trip is the best measure. Times: monotonic, s.
-"""
+"""Estimate of the clock of a page or of another computer, for the age of its messages. Its clock is
+unrelated to the local one. The time in a reply was read between request and reply: the quickest
+recent round trip is the best measure. Times: monotonic, s."""
 
 from __future__ import annotations
 
@@ -12,54 +9,55 @@ from collections import deque
 from typing import NamedTuple
 
 MOST_ROUNDS = 60
-"""Round trips that are remembered: of half a minute, in which clocks drift by less than 2 ms, where
-the other is asked twice a second."""
+"""Number of remembered round trips: half a minute at two a second, in which clocks drift by less
+than 2 ms."""
 
 LONGEST_S = 1.0
-"""Slower round trips tell nothing that is of use."""
+"""Longest round trip that is used."""
 
 SLACK_S = 0.01
-"""Two round trips that disagree by more than they may and this: a clock was set, or stood still
-while its computer slept."""
+"""Disagreement of two round trips, beyond their uncertainty, at which a clock counts as set or as
+stopped by sleep."""
 
 
 class _Round(NamedTuple):
     took_s: float
     offset_s: float
-    """Offset of our clock against the other's, as if both ways took the same time."""
+    """Offset of the local clock from the other, for equal delays both ways."""
 
 
 class RemoteClock:
-    """The clock of a page, or of another computer."""
+    """Estimate of the clock of a page, or of another computer."""
 
     def __init__(self, most: int = MOST_ROUNDS) -> None:
-        """`most`: round trips that are remembered."""
+        """`most`: number of remembered round trips."""
         self._rounds: deque[_Round] = deque(maxlen=most)
         self._best: _Round | None = None
         self._took: deque[float] = deque(maxlen=most)
         self.quickest_s = math.inf
-        """Likewise, also across resets of the other clock: our clock alone measures it."""
+        """Quickest round trip, also across resets of the other clock: the local clock alone
+        measures it."""
         self.resets = 0
-        """How often its clock was found to be another."""
+        """Count of detected changes of the other clock."""
 
     @property
     def known(self) -> bool:
-        """Whether a round trip has told."""
+        """True after the first round trip."""
         return self._best is not None
 
     @property
     def round_s(self) -> float | None:
-        """The quickest round trip of late; None before the first."""
+        """Quickest recent round trip; None before the first."""
         return None if self._best is None else self._best.took_s
 
     @property
     def median_s(self) -> float | None:
-        """Median of the round trips of late."""
+        """Median of the recent round trips."""
         took = sorted(each.took_s for each in self._rounds)
         return took[len(took) // 2] if took else None
 
     def heard(self, asked_s: float, there_s: float, now_s: float) -> None:
-        """The other, asked at `asked_s`, said `there_s`; its answer came at `now_s`."""
+        """Take the other's time `there_s`, requested at `asked_s` and received at `now_s`."""
         took_s = now_s - asked_s
         if not 0.0 <= took_s <= LONGEST_S:
             return
@@ -76,5 +74,5 @@ class RemoteClock:
         self._best = min(self._rounds)
 
     def here_s(self, there_s: float) -> float | None:
-        """Its time by our clock; None while that is not known."""
+        """Convert its time to the local clock; None while that is unknown."""
         return None if self._best is None else there_s + self._best.offset_s

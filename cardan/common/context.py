@@ -1,5 +1,5 @@
-"""Opening and closing by ``with``, for classes with `open()` and `close()`: they take the two
-functions as their ``__enter__`` and ``__exit__``."""
+"""Context managers for classes with `open()` and `close()`, which use the two functions as their
+``__enter__`` and ``__exit__``."""
 
 from __future__ import annotations
 
@@ -24,5 +24,5 @@ def enter(opened: _O) -> _O:
 
 
 def leave(opened: Openable, *_: object) -> None:
-    """Close it; an exception goes on."""
+    """Close it; an exception propagates."""
     opened.close()

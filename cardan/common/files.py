@@ -1,5 +1,5 @@
-"""Opens files that a user has named, where nothing is waited for and nothing without end is read;
-and says where a program keeps its own."""
+"""Opening of files named by users, without blocking and without endless reads; and folders for a
+program's own files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import BinaryIO, Final, Protocol, TextIO
 from cardan.errors import ConfigurationError
 
 TEXT_BYTES: Final = 2**20
-"""Longest text that is read: a hundred times the longest configuration, and parsed in seconds."""
+"""Longest text that is read: a hundred times the longest configuration, parsed in seconds."""
 MODEL_BYTES: Final = 16 * 2**20
 """Longest model of an arm that is read; published URDF files have less than 1 MB."""
 MESH_BYTES: Final = 64 * 2**20
@@ -21,7 +21,7 @@ MESH_BYTES: Final = 64 * 2**20
 
 PIECE_BYTES: Final = 2**20
 """Size of one read if the length comes from the file: a read allocates the requested memory before
-it knows how much data there is."""
+the amount of data is known."""
 
 _KINDS: Final = (
     (stat.S_ISDIR, "a directory"),
@@ -33,7 +33,7 @@ _KINDS: Final = (
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _DECLARED: Final = re.compile(rb"""<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _ENCODINGS: Final = ("us-ascii", "iso-8859-1", "iso-8859-15", "windows-1252")
-"""Besides UTF-8, those of XML files that declare one."""
+"""Encodings of XML files that declare one, beside UTF-8."""
 _VARIABLE: Final = re.compile(r"\$(\w+|\{\w+\})", re.ASCII)
 _NO_WAIT: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 
@@ -42,15 +42,13 @@ class SupportsRead(Protocol):
     """A stream of bytes."""
 
     def read(self, size: int, /) -> bytes:
-        """At most `size` bytes; none at the end."""
+        """Read at most `size` bytes; none at the end."""
         ...
 
 
 def expanded(path: str) -> Path:
-    """The path that a user has written, with the home for ~ and variables of the environment.
-
-    Raises ConfigurationError for a variable that the environment has not.
-    """
+    """Return a user's path with the home for ~ and variables of the environment. Raises
+    ConfigurationError for an unset variable."""
     for found in _VARIABLE.finditer(path):
         if (name := found[1].strip("{}")) not in os.environ:
             raise ConfigurationError("", f"the environment has no variable {name}")
@@ -84,11 +82,9 @@ def read_up_to(stream: SupportsRead, size: int) -> bytes:
 def read_text(
     path: str | os.PathLike[str], most_bytes: int = TEXT_BYTES, declared: bool = False
 ) -> str:
-    """The text of a file in UTF-8, with or without a byte-order mark; line ends become ``\\n``.
-    `declared`: in another encoding where an XML declaration says so.
-
-    Raises OSError where it cannot be read or is longer than `most_bytes`, ValueError where it is
-    in no such encoding.
+    """Read the text of a file in UTF-8, with or without a byte-order mark; line ends become
+    ``\\n``. `declared`: an XML declaration may name another encoding. Raises OSError if it cannot
+    be read or is longer than `most_bytes`, ValueError if it is not in its encoding.
     """
     with open_file(path) as file:
         data = file.read(most_bytes + 1)
@@ -112,7 +108,7 @@ def read_text(
 
 
 def text_or_empty(path: Path) -> str:
-    """The text of a file of the system, without spaces around it; empty where it cannot be read."""
+    """Return the stripped text of a file of the system; empty if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
@@ -142,13 +138,13 @@ def create_file(path: str | os.PathLike[str]) -> TextIO:
 
 
 def state_folder() -> Path:
-    """Folder of data that a program keeps from run to run: a service's folder for its state, or the
+    """Return the folder of data kept from run to run: a service's folder for its state, or the
     user's. It need not exist yet. Raises ConfigurationError for a user without a home."""
     return _own_folder("STATE_DIRECTORY", "XDG_STATE_HOME", "~/.local/state")
 
 
 def cache_folder() -> Path:
-    """Folder of data that can be made again, as `state_folder`."""
+    """Return the folder of reproducible data, with the rules of `state_folder`."""
     return _own_folder("CACHE_DIRECTORY", "XDG_CACHE_HOME", "~/.cache")
 
 
@@ -167,6 +163,6 @@ def _own_folder(of_service: str, of_user: str, default: str) -> Path:
 
 
 def records_folder(folder: str = "") -> Path:
-    """Folder of records: `folder`, or "records" in the state's. It need not exist yet. Raises
-    ConfigurationError."""
+    """Return the folder of records: `folder`, or "records" in the state's. It need not exist yet.
+    Raises ConfigurationError."""
     return Path(folder) if folder else state_folder() / "records"

@@ -1,4 +1,4 @@
-"""Resources that are open at a fork: they stay the parent's, and the child gives them up."""
+"""Open resources at a fork: they stay the parent's, and the child gives them up."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ IN_CHILD: Final = (
 
 
 class Inherited(Protocol):
-    """A resource that a child must not go on with."""
+    """A resource that must not be used in a forked child."""
 
     def after_fork(self) -> None:
-        """Give it up in the child, without a word to the other side: no other thread is left, and
-        locks may be held for ever."""
+        """Give it up in the child, without I/O: no other thread is left, and locks may be held for
+        ever."""
 
 
 _opened: WeakSet[Inherited] = WeakSet()
 
 
 def give_up_in_children(opened: Inherited) -> None:
-    """Have `after_fork` called in each process that is forked from now on."""
+    """Call `after_fork` in each process forked from now on."""
     _opened.add(opened)
 
 

@@ -1,7 +1,7 @@
 """Values of force feedback: commands to a haptic device, and its reports.
 
-SI units. Hand frame: the axes of every hand's pose here, x forward (away from the operator), y
-left, z up, in m from the device's own origin. World frame: the robot's base, where fixtures stand.
+SI units. Hand frame: the axes of all poses of hands, x forward (away from the operator), y left, z
+up, in m from the device's own origin. World frame: the robot's base, where fixtures stand.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 from cardan.types import NEVER_S, ZERO3, Pose, Vector3
 
 Matrix3 = tuple[float, float, float, float, float, float, float, float, float]
-"""Nine numbers, row by row."""
+"""Matrix of nine numbers, row by row."""
 
 IDENTITY3: Matrix3 = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -26,7 +26,7 @@ MAX_FIXTURES = 8
 
 
 class Sphere(NamedTuple):
-    """A solid sphere, or with `inside` a hollow one that the point is kept in."""
+    """A solid sphere, or with `inside` a hollow one that encloses the point."""
 
     center: Vector3
     radius_m: float
@@ -49,7 +49,7 @@ class Plane(NamedTuple):
 class Box(NamedTuple):
     """A solid box with half sides along the columns of `rotation`, or with `inside` a hollow one.
 
-    A solid box pushes out through its nearest side; a hollow one holds each axis by itself.
+    A solid box pushes out through its nearest side; a hollow one limits each axis separately.
     """
 
     center: Vector3
@@ -96,7 +96,7 @@ Fixture = Sphere | Plane | Box | Cylinder | Spring | Viscous
 class WorldMap(NamedTuple):
     """Map of the stylus into the world: world point = `linear` · hand point + `offset`.
 
-    Forces go back by the rotation alone: hand force = `rotation`ᵀ · world force.
+    Forces are mapped back by the rotation alone: hand force = `rotation`ᵀ · world force.
     """
 
     linear: Matrix3 = IDENTITY3
@@ -129,14 +129,12 @@ class MeasuredForce(NamedTuple):
 
 
 class HapticCommand(NamedTuple):
-    """All that the tick renders until the next command; a command source owns `sequence`.
-
-    A command whose sequence is not above the last one's, or whose stamp is older, is dropped.
-    """
+    """Input of the tick until the next command; a command source owns `sequence`. A command whose
+    sequence is not above the last one's, or whose stamp is older, is dropped."""
 
     sequence: int
     stamp_s: float
-    """Local monotonic time of the data that it was made from."""
+    """Local monotonic time of its data."""
     engaged: bool = False
     """False: no force at all, by ramp; the next True engages anew (small force first, then a
     ramp up)."""
@@ -144,7 +142,7 @@ class HapticCommand(NamedTuple):
     fixtures: tuple[Fixture, ...] = ()
     measured: MeasuredForce | None = None
     force: Vector3 = ZERO3
-    """A further force, added to all that, hand frame, N."""
+    """A further force, added to the others, hand frame, N."""
     force_scale: float = 1.0
     """Factor on the fixtures' forces."""
     joint_torques_n_m: Vector3 | None = None
@@ -158,15 +156,15 @@ class OperatingState(enum.Enum):
     """No force until enabled."""
     ENABLED = "enabled"
     PAUSED = "paused"
-    """On request, or because commands stopped, ticks were late or the force oscillated: no force
+    """No force, on request, or because commands stopped, ticks were late or the force oscillated,
     until that is over and the commanded force is small; after a short stall of the loop alone,
     force returns by a ramp."""
     FAULT = "fault"
-    """Latched, with a reason; enable tries again."""
+    """Latched, with a reason; enabling retries."""
 
 
 class Calibration(enum.Enum):
-    """How far the device knows its own position."""
+    """Calibration of the device's position."""
 
     OK = "ok"
     NEEDS_UPDATE = "needs update"
@@ -183,7 +181,7 @@ class FeedbackLimits(NamedTuple):
     joint_torque_n_m: float | None = None
     """Limit of each joint; None: it does not accept joint torques."""
     energy_j: float | None = None
-    """Net energy that one engagement may give to the hand; None: it keeps no such bound."""
+    """Net energy that one engagement may give to the hand; None: the device has no such limit."""
 
 
 class HapticState(NamedTuple):
@@ -204,23 +202,23 @@ class HapticState(NamedTuple):
     buttons: int = 0
     """Levels, bit 0 is button 1."""
     presses: tuple[int, int] = (0, 0)
-    """How often each button went down, counted in the tick."""
+    """Count of presses of each button, in the tick."""
     inkwell: bool = False
     calibration: Calibration = Calibration.UNKNOWN
     force_commanded: Vector3 = ZERO3
     """Force of the fixtures and of the measured force, N, hand frame."""
     force: Vector3 = ZERO3
-    """Force that was sent, after every limit, N, hand frame."""
+    """Rendered force, after every limit, N, hand frame."""
     rendering: bool = False
     """Whether force is rendered, in full or ramping up; `reason` says why not."""
     peak_n: float = 0.0
-    """Largest force sent since the tick began."""
+    """Largest force since the tick began."""
     energy_j: float = 0.0
     """Net energy that the rendered environment absorbed, by the passivity observer; below 0 it has
     released more than it absorbed."""
     delivered_j: float = 0.0
-    """Net energy given to the hand since the tick began, an upper bound: where the age of a
-    measured position leaves a choice, the larger value is counted."""
+    """Net energy given to the hand since the tick began, an upper bound: the age of a measured
+    position leaves a range, whose larger end counts."""
     given_peak_j: float = 0.0
     """Largest net energy given to the hand within one engagement, an upper bound likewise."""
     passivity_damping_n_s_m: float = 0.0
@@ -228,19 +226,19 @@ class HapticState(NamedTuple):
     thermal_derating: float = 1.0
     """Share of the clamp that the thermal limiter leaves."""
     temperature: float = 0.0
-    """Predicted, of the hottest motor: 0 cold, 1 hottest."""
+    """Predicted temperature of the hottest motor: 0 cold, 1 hottest."""
     command_sequence: int = 0
     command_age_s: float = float("inf")
     force_age_s: float = float("inf")
-    """Age of the measured force that is being rendered."""
+    """Age of the measured force that is rendered."""
     gap_s: float = 0.0
-    """Longest time between two ticks since the snapshot before."""
+    """Longest time between two ticks since the previous snapshot."""
     tick_cost_s: float = 0.0
-    """Longest that a tick took since the snapshot before."""
+    """Longest duration of a tick since the previous snapshot."""
     late_ticks: int = 0
     """Gaps above the limit since the tick began."""
     dropped_commands: int = 0
     stale_commands: int = 0
-    """How often the command source fell silent."""
+    """Count of silences of the command source."""
     faults: int = 0
     rate_hz: float = 0.0

@@ -48,10 +48,8 @@ class LatencyHistogram:
             self._min = seconds
 
     def within(self, bounds_s: Sequence[float]) -> list[int]:
-        """How many durations were no longer than each of `bounds_s`, which ascend, s.
-
-        A duration in the bucket of a bound counts as shorter: off by 4.4 % of it at most.
-        """
+        """Return the number of durations no longer than each of `bounds_s`, which ascend, s. A
+        duration in the bucket of a bound counts as shorter: off by 4.4 % of it at most."""
         found, below, index = [], 0, 0
         for bound_s in bounds_s:
             last = min(max(int(math.log(bound_s) * _SCALE + _OFFSET), 0), _LAST)
@@ -62,17 +60,17 @@ class LatencyHistogram:
 
     @property
     def sum(self) -> float:
-        """All of them together, s."""
+        """Sum of the durations, s."""
         return self._sum
 
     @property
     def count(self) -> int:
-        """How many durations were added."""
+        """Number of durations."""
         return self._count
 
     @property
     def max(self) -> float:
-        """The longest, s; 0 when empty."""
+        """Longest duration, s; 0 when empty."""
         return self._max
 
     @property
@@ -81,7 +79,8 @@ class LatencyHistogram:
         return self._sum / self._count if self._count else 0.0
 
     def percentile(self, p: float) -> float:
-        """The duration that `p` percent (0..100) of the added ones do not exceed, s; 0 if empty.
+        """Return the duration that `p` percent (0..100) of the added ones do not exceed, s; 0 if
+        empty.
 
         The middle of its bucket, never outside the shortest and longest added. Raises ValueError
         for a `p` outside 0..100.

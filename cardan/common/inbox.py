@@ -1,9 +1,7 @@
-"""Queue by which threads hand items to one thread that waits for them; every wait ends.
-
-The standard library's ``SimpleQueue.get`` with a time-out may wait for ever in CPython 3.10 to
-3.12: it can miss its time-out. ``queue.Queue`` takes a lock for each `put`, so that the thread of a
-loop would wait for one that is not running.
-"""
+"""Queue from any threads to one waiting thread, with reliable time-outs. The standard library's
+``SimpleQueue.get`` with a time-out may wait for ever in CPython 3.10 to 3.12: it can miss its
+time-out. ``queue.Queue`` takes a lock for each `put`, so that a loop's thread would wait for one
+that is not running."""
 
 from __future__ import annotations
 
@@ -25,11 +23,11 @@ class Wake(Protocol):
 
 
 class InboxEmptyError(Exception):
-    """No item came in time."""
+    """Error: no item arrived in time."""
 
 
 class Inbox(Generic[T]):
-    """Items in the order in which they came. Any thread may put, one thread gets."""
+    """Items in order of arrival. Any thread may put, one thread gets."""
 
     def __init__(
         self,
@@ -38,8 +36,8 @@ class Inbox(Generic[T]):
         wake: Wake | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`most`: of more items than that the oldest are dropped; None: all are kept. `wake` and
-        `clock` are for tests."""
+        """`most`: largest number of items, beyond which the oldest are dropped; None: unlimited.
+        `wake` and `clock` are for tests."""
         self._items: deque[T] = deque(maxlen=most)
         # Held, except between a put and the get that it wakes.
         self._wake: Wake = threading.Lock() if wake is None else wake
@@ -52,12 +50,12 @@ class Inbox(Generic[T]):
     def put(self, item: T) -> None:
         """Add an item. Never blocks."""
         self._items.append(item)
-        with contextlib.suppress(RuntimeError):  # It is to wake already.
+        with contextlib.suppress(RuntimeError):  # The wake-up is already under way.
             self._wake.release()
 
     def get(self, timeout_s: float | None = None) -> T:
-        """The oldest item, or the next one. `timeout_s`: longest wait, 0 or less: none; None:
-        without a limit. Raises InboxEmptyError if none comes in time."""
+        """Return the oldest item, or the next one. `timeout_s`: longest wait, 0 or less: none;
+        None: unlimited. Raises InboxEmptyError if none arrives in time."""
         end_s = None if timeout_s is None else self._clock() + timeout_s
         while True:
             try:

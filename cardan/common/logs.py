@@ -25,7 +25,8 @@ JOURNAL_SOCKET = "/run/systemd/journal/socket"
 """Socket at which the journal takes entries with fields: systemd.journal-fields(7)."""
 
 JOURNAL_VARIABLE = "JOURNAL_STREAM"
-"""By it systemd says which file it reads into the journal: device and inode of standard error."""
+"""Variable by which systemd names the file that it reads into the journal: device and inode of
+standard error."""
 
 _PRIORITIES = (
     (logging.CRITICAL, 2),
@@ -33,37 +34,38 @@ _PRIORITIES = (
     (logging.WARNING, 4),
     (logging.INFO, 6),
 )
-"""Severities of syslog, by the lowest level; levels below are for debugging, 7."""
+"""Severities of syslog by lowest level; lower levels are for debugging, 7."""
 
 _FIELDS = "cardan_fields"
 
 
 class LogFormat(str, enum.Enum):
-    """How a line of the log is written."""
+    """Format of a line of the log."""
 
     TEXT = "text"
     """For people."""
     JSON = "json"
     """A JSON object per line."""
     PRIORITY = "priority"
-    """Lines that begin with their priority, as systemd and the daemon read them: ``<4>text``."""
+    """Lines that begin with their priority, for systemd and the daemon: ``<4>text``."""
     JOURNAL = "journal"
-    """Entries of systemd's journal with fields; where it cannot be reached, lines as above."""
+    """Entries of systemd's journal with fields; without the journal, lines with priority."""
 
 
 FORMAT_VARIABLE = "CARDAN_LOG_FORMAT"
 LEVEL_VARIABLE = "CARDAN_LOG_LEVEL"
-"""Environment variables by which the daemon says how its servers log, and from which level on."""
+"""Environment variables by which the daemon sets the log format and level of its servers."""
 
 
 def fields(**values: str) -> dict[str, Any]:
-    """The `extra` of a call of a logger: fields by which programs find the entry, such as `name` of
-    a session and `event`. Names are lower case; empty values are left out."""
+    """Return the `extra` of a call of a logger: fields by which programs find the entry, such as
+    `name` of a session and `event`. Names are lower case; empty values are left out."""
     return {_FIELDS: {name: value for name, value in values.items() if value}}
 
 
 def found_format() -> LogFormat:
-    """Format for the present reader of standard error: the journal, a user, or a program."""
+    """Return the format for the present reader of standard error: the journal, a user, or a
+    program."""
     if _reads_journal():
         return LogFormat.JOURNAL
     return LogFormat.TEXT if sys.stderr.isatty() else LogFormat.JSON
@@ -82,10 +84,10 @@ def _fields_of(record: logging.LogRecord) -> dict[str, str]:
 
 
 class PrintableFormatter(logging.Formatter):
-    """A log's lines for a terminal; only tracebacks have several."""
+    """Formatter for a terminal: one line per entry, several for tracebacks."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
-        """The line, on which nothing can begin another."""
+        """Return the line, with line breaks escaped."""
         return printable(super().formatMessage(record))
 
     def formatException(  # noqa: N802
@@ -93,21 +95,22 @@ class PrintableFormatter(logging.Formatter):
         ei: tuple[type[BaseException], BaseException, TracebackType | None]
         | tuple[None, None, None],
     ) -> str:
-        """The traceback."""
+        """Return the traceback."""
         return printable(super().formatException(ei), "\n")
 
 
 def make_logs_printable() -> None:
-    """Warnings that no handler takes go to the terminal, too."""
+    """Print warnings that no handler takes to the terminal, made printable."""
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(PrintableFormatter())
 
 
 class JsonFormatter(logging.Formatter):
-    """A record as an object: time (UTC), level, logger, message, its fields, and a traceback."""
+    """Formatter of entries as JSON objects: time (UTC), level, logger, message, fields, and a
+    traceback."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line; nothing in it can begin another."""
+        """Return the line, with line breaks escaped."""
         time = datetime.fromtimestamp(record.created, timezone.utc)
         table = {
             "time": f"{time:%Y-%m-%dT%H:%M:%S}.{time.microsecond // 1000:03d}Z",
@@ -122,7 +125,7 @@ class JsonFormatter(logging.Formatter):
 
 
 class _PriorityFormatter(PrintableFormatter):
-    """Lines that the journal reads from standard error; a traceback is one of them."""
+    """Formatter of lines that the journal reads from standard error; a traceback is one line."""
 
     def __init__(self) -> None:
         super().__init__("%(name)s: %(message)s")
@@ -152,7 +155,7 @@ class _JournalHandler(_StderrHandler):
         self._plain = PrintableFormatter("%(message)s")
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Send an entry, or write it as a line where it cannot be sent."""
+        """Send an entry, or write it as a line if it cannot be sent."""
         try:
             entry = {
                 "MESSAGE": self._plain.format(record),
@@ -187,7 +190,8 @@ _PRIORITY_LINE = re.compile(r"<([0-7])>")
 
 
 def level_of(line: str) -> tuple[int, str]:
-    """The level that a line begins with, and its text; INFO for a line without a level."""
+    """Return the level at the beginning of a line, and its text; INFO for a line without a
+    level."""
     found = _PRIORITY_LINE.match(line)
     if found is None:
         return logging.INFO, line
@@ -204,7 +208,7 @@ _FORMATTERS: dict[LogFormat, Callable[[], logging.Formatter]] = {
 
 
 def log_to_stderr(level: int, form: LogFormat = LogFormat.TEXT) -> None:
-    """Log entries of `level` or above. A program that has set logging up keeps its own."""
+    """Log entries of `level` or above. A program with its own logging setup keeps it."""
     handler: logging.Handler
     if form is LogFormat.JOURNAL:
         handler = _JournalHandler()

@@ -1,4 +1,4 @@
-"""Loads the compiled parts: plain shared libraries, the same for all Pythons."""
+"""Loading of the compiled parts: plain shared libraries, the same for all Pythons."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cardan.errors import CardanError
 
 
 def advice(distribution: str) -> str:
-    """Instructions for a distribution of which a compiled part is missing."""
+    """Return instructions for a distribution with a missing compiled part."""
     return (
         "install a C compiler (Debian: apt-get install gcc libc6-dev) and install "
         f"{distribution} anew, or run tools/native in its sources"
@@ -28,7 +28,8 @@ class NativePartError(CardanError):
 
 
 def layout_of(*structures: type[ctypes.Structure]) -> list[int]:
-    """Sizes and field offsets of structures, as a library's layout function must give them."""
+    """Return sizes and field offsets of structures, which a library's layout function must
+    match."""
     expected = []
     for structure in structures:
         expected.append(ctypes.sizeof(structure))
@@ -39,10 +40,9 @@ def layout_of(*structures: type[ctypes.Structure]) -> list[int]:
 def load_library(
     path: Path, what: str, layout: str, expected: Sequence[int], distribution: str = "cardan"
 ) -> Any:
-    """The library at `path`, whose function `layout` must give the sizes and offsets `expected`.
-
-    Its functions hold the interpreter's lock: each is far shorter than releasing and acquiring it.
-    Raises NativePartError that says what to do.
+    """Load the library at `path`, whose function `layout` must give the sizes and offsets
+    `expected`. Its functions hold the interpreter's lock: each is far shorter than releasing and
+    acquiring it. Raises NativePartError with advice.
     """
     todo = advice(distribution)
     if not path.exists():
@@ -61,8 +61,8 @@ def load_library(
 
 
 def load_own_library(path: Path, what: str, prefix: str, expected: Sequence[int]) -> Any:
-    """The same of a library of this package: its functions `prefix`_layout and `prefix`_version
-    must give what this version has."""
+    """Load a library of this package: its functions `prefix`_layout and `prefix`_version must match
+    this version."""
     loaded = load_library(path, what, f"{prefix}_layout", expected)
     function = getattr(loaded, f"{prefix}_version")
     function.restype, function.argtypes = c_char_p, ()
@@ -75,10 +75,8 @@ def load_own_library(path: Path, what: str, prefix: str, expected: Sequence[int]
 
 
 def native_call(library: Any, symbol: str, *held: object) -> Callable[..., Any]:
-    """The function whose PyMethodDef is `symbol`, with what it works on as its `self`.
-
-    It is one like Python's own: a call costs a tenth of what ctypes takes.
-    """
+    """Return the function of the PyMethodDef `symbol`, with its data as `self`. It is called like
+    Python's own: a call costs a tenth of that by ctypes."""
     make = ctypes.PYFUNCTYPE(py_object, c_void_p, py_object, py_object)(
         ("PyCFunction_NewEx", ctypes.pythonapi)
     )
@@ -91,6 +89,6 @@ _StructureT = TypeVar("_StructureT", bound=ctypes.Structure)
 
 
 def allotted(kind: type[_StructureT]) -> tuple[_StructureT, bytearray]:
-    """A structure of zeros, and its memory, whose size is fixed by that."""
+    """Return a structure of zeros, and its memory, of fixed size."""
     memory = bytearray(ctypes.sizeof(kind))
     return kind.from_buffer(memory), memory

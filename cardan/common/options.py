@@ -1,8 +1,7 @@
-"""Options are dataclasses whose annotations say what a value may be; errors name the key.
-
-A ``Literal`` or an enum lists the choices, a :class:`cardan.common.bounds.Range` bounds a number, a
-:class:`cardan.common.bounds.Text` says what form a text has, a
-:class:`cardan.common.bounds.Directed` that a vector is not zero::
+"""Options: dataclasses whose annotations give the allowed values; errors name the key. A
+``Literal`` or an enum lists the choices, a :class:`cardan.common.bounds.Range` bounds a number, a
+:class:`cardan.common.bounds.Text` gives the form of a text, a
+:class:`cardan.common.bounds.Directed` excludes zero vectors::
 
     @dataclass(frozen=True, kw_only=True)
     class DeviceOptions(Options):
@@ -44,7 +43,7 @@ _NUMBER = re.compile(r"\s*[-+]?\.?[0-9][0-9.]*(?:[eE][-+]?[0-9]+)?\s*(.*)", re.D
 _UNCHANGEABLE = frozenset({bool, int, float, str, NoneType})
 
 CODE_ONLY = {"from_file": False}
-"""Metadata of a field that programs set and configuration files do not."""
+"""Metadata of a field that only programs can set, not configuration files."""
 
 OTHER_KEYS = {"other_keys": True}
 """Metadata of the field that takes all keys that no other field has."""
@@ -57,7 +56,7 @@ def check_options(options: Any) -> None:
     and the keys and values of mappings; an annotation of another kind allows everything.
 
     Checked values cannot be changed: the options then have tuples for lists, and copies of
-    mappings. A text may be given as a path (`os.PathLike`), and is its text then.
+    mappings. A path (`os.PathLike`) is accepted as a text, and converted.
     """
     allowed_types = hints(options.__class__)
     for field in fields(options):
@@ -65,7 +64,7 @@ def check_options(options: Any) -> None:
 
 
 def check_field(options: Any, name: str, hint: Any) -> None:
-    """:func:`check_options` for one field, by `hint`."""
+    """Check one field, by `hint`, as :func:`check_options` does."""
     given = getattr(options, name)
     value = given if type(given) in _UNCHANGEABLE else frozen(hint, given)
     if allowed := refusal(hint, value):
@@ -75,18 +74,16 @@ def check_field(options: Any, name: str, hint: Any) -> None:
 
 
 class Options:
-    """Base of dataclasses that are checked by :func:`check_options` as soon as they are made.
-
-    A ``__post_init__`` of one's own calls this one first.
-    """
+    """Base of dataclasses that are checked by :func:`check_options` on creation. Overridden
+    ``__post_init__`` methods must call this one first."""
 
     def __post_init__(self) -> None:
         check_options(self)
 
 
 class FrozenMapping(Mapping[Any, Any]):
-    """A mapping that stays as it is, unlike a dict hashable, unlike a MappingProxyType copied and
-    pickled."""
+    """An immutable mapping: unlike a dict hashable, unlike a MappingProxyType copyable and
+    picklable."""
 
     def __init__(self, items: Mapping[Any, Any]) -> None:
         self._items = dict(items)
@@ -108,7 +105,8 @@ class FrozenMapping(Mapping[Any, Any]):
 
 
 def frozen(hint: Any, value: Any) -> Any:
-    """`value` as options keep it where `hint` annotates it: tuples, copies, texts for paths."""
+    """Return `value` in the form in which options keep it by `hint`: tuples, copies, texts for
+    paths."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return frozen(inner[0], value)
@@ -143,19 +141,20 @@ def check_value(key: str, value: object, hint: Any) -> None:
 
 
 def require(good: object, key: str, value: object, allowed: str) -> None:
-    """Raise OptionError, with the `allowed` values in words, unless `good`."""
+    """Raise OptionError, with a description of the `allowed` values, unless `good`."""
     if not good:
         raise OptionError(key, value, allowed)
 
 
 def require_each(options: Any, *rules: tuple[str, object, str]) -> None:
-    """`require` for several fields: of each its key, whether it is good, and its allowed values."""
+    """Call `require` for several fields: each with its key, whether it is good, and its allowed
+    values."""
     for key, good, allowed in rules:
         require(good, key, getattr(options, key), allowed)
 
 
 def choices(hint: Any) -> tuple[Any, ...]:
-    """The values that a ``Literal`` or an enum has; of any other annotation none."""
+    """Return the values of a ``Literal`` or an enum; none for any other annotation."""
     if get_origin(hint) is Literal:
         return get_args(hint)
     if _is_class(hint) and issubclass(hint, enum.Enum):
@@ -170,12 +169,13 @@ def _is_class(hint: Any) -> bool:
 
 @cache
 def hints(kind: Hashable) -> dict[str, Any]:
-    """The annotations of a class by name, ranges included."""
+    """Return the annotations of a class by name, ranges included."""
     return get_type_hints(kind, include_extras=True)
 
 
 def refusal(hint: Any, value: object) -> str:
-    """Values that an annotation allows, in words, if `value` is not allowed; empty if it is."""
+    """Return a description of the values that an annotation allows if `value` is not allowed; empty
+    if it is."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return _refused_by_notes(inner, value)
@@ -216,7 +216,7 @@ def _one_of(words: list[str], value: object) -> str:
 
 
 def _quoted(hint: Any, value: object) -> str:
-    """How a number is written, where `value` is one in quotes and `hint` allows numbers."""
+    """Return how to write a number if `value` is one in quotes and `hint` allows numbers."""
     number = hint in (int, float) and isinstance(value, str) and _NUMBER.fullmatch(value)
     return (f", without quotes{' and unit' if number[1] else ''}") if number else ""
 
@@ -261,7 +261,7 @@ def _shown(choice: Any) -> Any:
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """The nearest of `allowed`, as the end of a sentence; empty when none is near."""
+    """Return the nearest of `allowed`, as the end of a sentence; empty when none is near."""
     from difflib import get_close_matches
 
     # Of names that differ in nothing else, capitals and the hyphen for _ are not told apart.

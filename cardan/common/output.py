@@ -1,8 +1,7 @@
 """Standard output and standard error that never block the program.
 
-Written text is handed to a thread, and that thread alone waits for a terminal that is stopped or a
-pipe that is not read. Installed by the ``cardan`` command; a program that uses the package keeps
-its own streams.
+Written text is passed to a thread, and only that thread waits for a stopped terminal or an unread
+pipe. Installed by the ``cardan`` command; a program that uses the package keeps its own streams.
 """
 
 from __future__ import annotations
@@ -20,24 +19,25 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 MAX_WAITING_BYTES = 1 << 18
-"""Most that waits for a reader: more than a screen, and than a pipe holds."""
+"""Most bytes that wait for a reader: more than a screen, and than a pipe holds."""
 
 READ_WITHIN_S = 0.2
-"""A slower write means that there is no reader. Most terminals and files take microseconds."""
+"""Duration of a write above which there is no reader. Most terminals and files take
+microseconds."""
 
 AT_ONCE_BYTES = 128
 """Size of one write to a terminal: it takes all of it before the write returns, and a slow
-terminal, such as a serial line of 9600 baud, must not look like one that is stopped."""
+terminal, such as a serial line of 9600 baud, must not look like a stopped one."""
 
 LAST_WORDS_S = 0.5
-"""Longest wait for a reader at the end of a program that serves, or that was told to end."""
+"""Longest wait for a reader at the end of a program that serves, or that was requested to end."""
 
 
 class BackgroundOutput(io.BufferedIOBase):
     """A byte stream to a file descriptor, written by a thread of its own.
 
-    Once that many bytes wait, `write` waits, too, until the stream is told to `keep_up`; from then
-    on it drops data. An error in the thread is raised by the next `write`, or never if `quiet`.
+    Once too many bytes wait, `write` waits, too; after `keep_up` it drops data instead. An error in
+    the thread is raised by the next `write`, or never if `quiet`.
     """
 
     def __init__(self, fd: int, name: str, *, quiet: bool = False) -> None:
@@ -51,7 +51,7 @@ class BackgroundOutput(io.BufferedIOBase):
         self._waiting_bytes = 0
         """Bytes of the piece that is being written, and of those after it."""
         self._began_s: float | None = None
-        """When the write that is under way began."""
+        """Start of the present write."""
         self._error: OSError | None = None
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -61,35 +61,35 @@ class BackgroundOutput(io.BufferedIOBase):
         return self._fd
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Return whether it is a terminal."""
         return os.isatty(self._fd)
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     @property
     def error(self) -> OSError | None:
-        """Why nothing can be written any more; None while it can."""
+        """Error that prevents writing; None while it works."""
         return self._error
 
     def keep_up(self) -> None:
-        """From now on drop data for which there is no room, instead of waiting."""
+        """Drop data without room from now on, instead of waiting."""
         with self._changed:
             self._keeping_up = True
             self._changed.notify_all()
 
     def is_read(self) -> bool:
-        """Whether the last data was taken within READ_WITHIN_S."""
+        """True if the last data was taken within READ_WITHIN_S."""
         began_s = self._began_s
         return began_s is None or time.monotonic() - began_s < READ_WITHIN_S
 
     def is_behind(self) -> bool:
-        """Whether some data still waits."""
+        """True if some data still waits."""
         return self._waiting_bytes > 0
 
     def write(self, data: Any) -> int:
-        """Hand `data` to the thread; all of it counts as written."""
+        """Pass `data` to the thread; all of it counts as written."""
         piece = bytes(data)
         with self._changed:
             while not (self._error or self._ended or self._fits(piece) or self._keeping_up):
@@ -108,10 +108,8 @@ class BackgroundOutput(io.BufferedIOBase):
         return len(piece)
 
     def finish(self) -> None:
-        """Wait until all is written; a stream that keeps up waits for LAST_WORDS_S at most.
-
-        Later writes are dropped.
-        """
+        """Wait until all is written; a stream that keeps up waits for LAST_WORDS_S at most. Later
+        writes are dropped."""
         with self._changed:
             end_s = time.monotonic() + LAST_WORDS_S
             while self._waiting_bytes and self._error is None:
@@ -122,14 +120,14 @@ class BackgroundOutput(io.BufferedIOBase):
         self.end()
 
     def end(self) -> None:
-        """Drop all data that is written from now on."""
+        """Drop all data written from now on."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
 
     def _has_thread(self) -> bool:
-        """Whether a thread writes, from the first time on. Where the computer gives none a `quiet`
-        stream does without, as it has to say so; another one raises RuntimeError."""
+        """Return whether a thread writes, started at the first call. If the system gives none, a
+        `quiet` stream works without, and another one raises RuntimeError."""
         if self._thread is None:
             thread = threading.Thread(
                 target=self._write_all, name=f"cardan-{self.name}", daemon=True
@@ -180,7 +178,7 @@ class BackgroundOutput(io.BufferedIOBase):
 
 
 class DroppingOutput(io.BufferedIOBase):
-    """A byte stream to a pipe that is set not to block: data that does not fit is dropped."""
+    """A byte stream to a non-blocking pipe: data that does not fit is dropped."""
 
     def __init__(self, fd: int) -> None:
         super().__init__()
@@ -188,7 +186,7 @@ class DroppingOutput(io.BufferedIOBase):
         self._fd = fd
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     def fileno(self) -> int:
@@ -203,23 +201,21 @@ class DroppingOutput(io.BufferedIOBase):
 
 
 def dropping_text(fd: int) -> TextIO:
-    """A stream of lines to a pipe that is set not to block."""
+    """Return a stream of lines to a non-blocking pipe."""
     return io.TextIOWrapper(
         DroppingOutput(fd), encoding="utf-8", errors="backslashreplace", line_buffering=True
     )
 
 
 _installed: dict[str, BackgroundOutput] = {}
-"""By the names of the streams in sys."""
+"""Streams by their names in sys."""
 
 
 @contextlib.contextmanager
 def in_background() -> Iterator[None]:
-    """Let sys.stdout and sys.stderr be written in the background in a ``with`` block.
-
-    A stream that is no file, as that of a test, stays. Closed file descriptors 0 to 2 are opened
-    on /dev/null: a socket that got one of these numbers would be sent the output of libraries.
-    """
+    """Write sys.stdout and sys.stderr in the background in a ``with`` block. A stream that is no
+    file, such as a test's, stays. Closed file descriptors 0 to 2 are opened on /dev/null: a socket
+    with one of these numbers would get the output of libraries."""
     for fd in (0, 1, 2):
         try:
             os.fstat(fd)
@@ -253,25 +249,25 @@ def in_background() -> Iterator[None]:
 
 
 def keep_up() -> None:
-    """Never wait for a reader again: for a program that serves, or that was told to end."""
+    """Never wait for a reader again: for a program that serves, or that was requested to end."""
     for output in _installed.values():
         output.keep_up()
 
 
 def is_read() -> bool:
-    """Whether a reader, or a file, takes what is written to standard output."""
+    """Return whether a reader, or a file, takes the data written to standard output."""
     output = _installed.get("stdout")
     return output is None or output.is_read()
 
 
 def is_behind() -> bool:
-    """Whether standard output has not taken all that was written yet."""
+    """Return whether standard output has not taken all written data yet."""
     output = _installed.get("stdout")
     return output is not None and output.is_behind()
 
 
 def finish(name: str) -> OSError | None:
-    """Flush ``stdout`` or ``stderr``, as far as there is a reader. Returns the error."""
+    """Flush ``stdout`` or ``stderr``, as far as there is a reader. Return the error."""
     if name not in _installed:
         return None
     output = _installed[name]
@@ -282,14 +278,14 @@ def finish(name: str) -> OSError | None:
 
 
 def failed(error: OSError) -> bool:
-    """Whether `error` is that of standard output."""
+    """Return whether `error` is that of standard output."""
     output = _installed.get("stdout")
     return output is not None and output.error is not None and output.error.errno == error.errno
 
 
 def why_unwritten(error: OSError) -> str:
-    """The error of standard output for its user; empty where only the reader of a pipe has gone,
-    as ``head`` does."""
+    """Return the error of standard output for its user; empty if only the reader of a pipe has
+    closed it, like ``head``."""
     if error.errno in (errno.EPIPE, errno.ECONNRESET):
         return ""
     return f"standard output cannot be written: {error.strerror}"

@@ -1,8 +1,6 @@
-"""Position of a key in a TOML file, which the tables that are read of it do not have.
-
-It is searched only once a key is wrong. The text is scanned anew then: it has been read as TOML
-already, up to the key at least, and the scan relies on that.
-"""
+"""Position of a key in a TOML file, which the parsed tables do not have. It is searched only if a
+key is wrong. The text is scanned again then: it is valid TOML up to the key at least, and the scan
+relies on that."""
 
 from __future__ import annotations
 
@@ -32,13 +30,13 @@ class _Scan:
     def __init__(self, text: str) -> None:
         self.found: dict[str, int] = {}
         self.given: list[tuple[str, int]] = []
-        """The whole keys of assignments and tables, one after the other, with their offsets."""
+        """Whole keys of assignments and tables in order, with their offsets."""
         self._tokens = [
             (each[0], each.start()) for each in _TOKEN.finditer(text) if each.lastgroup != "skip"
         ]
         self._next = 0
         self._lengths: dict[_Path, int] = {}
-        """Lengths of the arrays of tables, up to here."""
+        """Lengths of the arrays of tables, up to the present offset."""
         table: _Path = ()
         while self._next < len(self._tokens):
             if self._token == "\n":
@@ -50,14 +48,14 @@ class _Scan:
 
     @property
     def _token(self) -> str:
-        """The next one; empty at the end of the text."""
+        """Return the next token; empty at the end of the text."""
         return self._tokens[self._next][0] if self._next < len(self._tokens) else ""
 
     def _note(self, path: _Path, offset: int) -> None:
         self.found.setdefault(".".join(path), offset)
 
     def _key(self, end: str) -> list[str]:
-        """The parts of a key, up to `end`, which is taken too."""
+        """Return the parts of a key up to `end`, which is consumed."""
         parts = []
         while (token := self._token) not in (end, ""):
             self._next += 1
@@ -120,7 +118,7 @@ class _Scan:
 
 
 def _plain(token: str) -> str:
-    """A part of a key without its quotes."""
+    """Return a part of a key without its quotes."""
     if token[0] == "'":
         return token[1:-1]
     with contextlib.suppress(ValueError):
@@ -129,8 +127,8 @@ def _plain(token: str) -> str:
 
 
 def place_of(path: Path, key: str) -> str:
-    """`path` with line and column, as "cell.toml:3:5", of a dotted key; where it does not stand
-    there, of the table that it is missing in. `path` alone where that does not either."""
+    """Return `path` with line and column of a dotted key, such as "cell.toml:3:5"; for a missing
+    key, those of its table. `path` alone if that is missing, too."""
     try:
         text = files.read_text(path)
         found = _Scan(text).found
@@ -142,9 +140,8 @@ def place_of(path: Path, key: str) -> str:
 
 
 def given_twice(text: str) -> tuple[str, int, int] | None:
-    """The last key in `text` that was given before, and the offsets of both, or else the last one's
-    table, where that was given as a value; None: none was. `text` ends at the key or in its
-    value."""
+    """Return the last key in `text` that was given before, and the offsets of both, or its table,
+    if that was given as a value; None: none was. `text` ends at the key or in its value."""
     scan = _Scan(text)
     for key, offset in reversed(scan.given):
         if scan.found[key] < offset:
@@ -157,18 +154,18 @@ def given_twice(text: str) -> tuple[str, int, int] | None:
 
 
 def at(path: object, text: str, offset: int) -> str:
-    """`path` with the line and the column of `offset` in its text."""
+    """Return `path` with the line and the column of `offset` in its text."""
     return f"{path}:{line_of(text, offset)}:{offset - text.rfind(chr(10), 0, offset)}"
 
 
 def line_of(text: str, offset: int) -> int:
-    """The line in which `offset` is."""
+    """Return the line of `offset`."""
     return text.count("\n", 0, offset) + 1
 
 
 @contextlib.contextmanager
 def in_file(path: Path) -> Iterator[None]:
-    """Errors of keys that are raised inside say where in the file these stand."""
+    """Add the place in the file to errors of keys raised inside."""
     try:
         yield
     except ConfigurationError as error:

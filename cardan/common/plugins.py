@@ -1,4 +1,4 @@
-"""Finds classes by name: a built-in table, then the entry points of installed packages."""
+"""Registry of classes by name: a built-in table, then the entry points of installed packages."""
 
 from __future__ import annotations
 
@@ -77,11 +77,12 @@ IN_SOURCE_TREE = {
     },
     "transport": {"dds": "plugins/cardan-dds"},
 }
-"""Plug-ins whose distributions are only in the source tree, and the folders of those."""
+"""Plug-ins that are only in the source tree, with their folders."""
 
 
 def not_installed(word: str, name: str) -> str:
-    """Why `name`, a `word`, cannot be found though the source tree has it; empty: it has not."""
+    """Return why `name`, a `word`, is not found although the source tree has it; empty: it does
+    not."""
     folder = IN_SOURCE_TREE.get(word, {}).get(name)
     if folder is None:
         return ""
@@ -92,7 +93,7 @@ def not_installed(word: str, name: str) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Reason why a plug-in failed, in one line."""
+    """Return why a plug-in failed, in one line."""
     if lacking := shortage(error):
         return lacking
     words = printable(" ".join(str(error).split()))
@@ -102,7 +103,7 @@ def reason(error: BaseException) -> str:
 
 
 def is_lack(error: Exception) -> bool:
-    """Whether `error` says that a package, memory or files were missing: no fault of a plug-in."""
+    """Return whether `error` reports a missing package, memory or files: no fault of a plug-in."""
     return isinstance(error, ExtraMissingError) or bool(shortage(error))
 
 
@@ -112,7 +113,7 @@ class Loaded(Generic[T]):
 
     classes: dict[str, type[T]]
     refused: dict[str, str]
-    """Reasons why classes cannot be loaded, in one line each."""
+    """Reasons for classes that cannot be loaded, in one line each."""
     notes: list[str]
     """Plug-ins that are installed and not used, because another one has the name."""
     lacking: dict[str, str] = field(default_factory=dict)
@@ -120,13 +121,13 @@ class Loaded(Generic[T]):
 
 
 def entry_points(group: str) -> EntryPoints:
-    """Entry points of installed packages. All packages are read once, and again after one was added
-    or removed: there may be hundreds, and each registry asks for a group of its own."""
+    """Return entry points of installed packages. All packages are read once, and again after one
+    was added or removed: there may be hundreds, and each registry has a group of its own."""
     return _all_entry_points(tuple(map(_state_of, sys.path))).select(group=group)
 
 
 def _state_of(folder: str) -> tuple[str, int]:
-    """A folder of sys.path, and when something came into it or went: 0 where it is none."""
+    """Return a folder of sys.path, and the time of its last change: 0 if it does not exist."""
     try:
         return folder, os.stat(folder or os.curdir).st_mtime_ns
     except OSError:
@@ -141,12 +142,9 @@ def _all_entry_points(_path: tuple[tuple[str, int], ...]) -> EntryPoints:
 
 
 class Finder(Generic[T]):
-    """Finds subclasses of `base`.
-
-    `word` is the term for one in errors and their key ("driver"). `built_in`
-    maps names to targets ("package.module:Class") and wins over the entry points that `installed`
-    gives, which is asked only where they matter. Neither is copied.
-    """
+    """Finds subclasses of `base`. `word` is their term in errors and their key ("driver").
+    `built_in` maps names to targets ("package.module:Class") and has precedence over the entry
+    points that `installed` returns, which is called only if needed. Neither is copied."""
 
     def __init__(
         self,
@@ -159,21 +157,19 @@ class Finder(Generic[T]):
         self._built_in, self._installed = built_in, installed
 
     def names(self) -> tuple[str, ...]:
-        """Every name that can be loaded, sorted."""
+        """Return all names that can be loaded, sorted."""
         return tuple(sorted({*self._built_in, *(point.name for point in self._installed())}))
 
     def packages(self) -> tuple[str, ...]:
-        """The top-level packages of all that can be loaded; the built-in ones first."""
+        """Return the top-level packages of all that can be loaded; the built-in ones first."""
         targets = (*self._built_in.values(), *(point.value for point in self._installed()))
         names = (re.split("[.:]", target, maxsplit=1)[0] for target in targets)
         return tuple(dict.fromkeys(filter(None, names)))
 
     def load(self, name: str) -> type[T]:
-        """The class called `name`.
-
-        ConfigurationError names the known ones, or says why it cannot be loaded. For a missing
-        package it raises ExtraMissingError; a shortage of memory or files is raised as it is.
-        """
+        """Load the class called `name`. ConfigurationError names the known ones, or says why it
+        cannot be loaded. A missing package raises ExtraMissingError; a shortage of memory or files
+        is raised unchanged."""
         return self._load(name, () if name in self._built_in else self._installed())
 
     def _load(self, name: str, points: Iterable[EntryPoint]) -> type[T]:
@@ -207,8 +203,8 @@ class Finder(Generic[T]):
         return cast("type[T]", loaded)
 
     def load_all(self) -> Loaded[T]:
-        """Every class that can be loaded, and why the others cannot: a broken class does not keep
-        the others from being listed."""
+        """Load all classes, and return reasons for the others: a broken class does not keep the
+        others from being listed."""
         found: Loaded[T] = Loaded({}, {}, [])
         points = tuple(self._installed())
         for name in sorted({*self._built_in, *(point.name for point in points)}):
@@ -234,7 +230,7 @@ class Finder(Generic[T]):
         return found
 
     def options_of(self, name: object) -> Any:
-        """The class of the options of the class called `name`; None where it cannot be loaded."""
+        """Return the options class of the class called `name`; None if it cannot be loaded."""
         known = str(name)
         lacks = ConfigurationError, ExtraMissingError
         with contextlib.suppress(*lacks), self.using(known, self._word):
@@ -258,14 +254,14 @@ class Finder(Generic[T]):
             ) from error
 
     def _check(self, loaded: Any, of: str) -> None:
-        """Raise ConfigurationError if `loaded` is no such class; `of` names it."""
+        """Raise ConfigurationError if `loaded` is not such a class; `of` names it."""
         if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
             raise ConfigurationError(self._word, f"{of} is not a cardan {self._word}")
         if wrong := self._wrong_attribute(loaded):
             raise ConfigurationError(self._word, f"{of} cannot be used: {wrong}")
 
     def _wrong_attribute(self, loaded: type[T]) -> str:
-        """Attribute that a class declares otherwise than the interface does; empty if none."""
+        """Return the attribute of a class that contradicts the interface; empty if none does."""
         options: Any = getattr(loaded, "Options", None)
         if hasattr(loaded, "Options") and not (isinstance(options, type) and is_dataclass(options)):
             return f"Options is {options!r:.60}; it must be a dataclass"

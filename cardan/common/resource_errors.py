@@ -1,7 +1,5 @@
-"""Reports of resources that ran short, in a line: memory, open files, threads.
-
-``python -m cardan.common.resource_errors MODULE ARGUMENT...`` runs a module's ``main()`` so.
-"""
+"""One-line reports of exhausted resources: memory, open files, threads. ``python -m
+cardan.common.resource_errors MODULE ARGUMENT...`` runs a module's ``main()`` with them."""
 
 from __future__ import annotations
 
@@ -16,12 +14,12 @@ _FILES = "too many files are open; `ulimit -n` shows the limit"
 _THREADS = "no more threads can be started; `ulimit -u` shows the limit, `ulimit -v` that of memory"
 _SYSTEM = {errno.ENOMEM: _MEMORY, errno.EMFILE: _FILES, errno.ENFILE: _FILES}
 _UNMAPPED = ("failed to map segment", "cannot allocate memory")
-"""How the dynamic linker says that there is no memory for a library."""
+"""Messages of the dynamic linker without memory for a library."""
 _MOST_CAUSES = 10
 
 
 def shortage(error: BaseException | None) -> str:
-    """The resource that ran short, by `error` or one of its causes; empty for other errors."""
+    """Return the exhausted resource, from `error` or one of its causes; empty for other errors."""
     for _ in range(_MOST_CAUSES):
         if error is None:
             break
@@ -44,10 +42,8 @@ def _lacking(error: BaseException) -> str:
 
 
 def run(module: str) -> None:
-    """Run ``main()`` of `module` and exit with its code; 1 and a line after a shortage.
-
-    Ctrl-C while it is being imported, before it takes signals itself, ends it as it does later.
-    """
+    """Run ``main()`` of `module` and exit with its code; 1 and a line after a shortage. Ctrl-C
+    during the import, before the module handles signals itself, ends it in the same way."""
     try:
         code = import_module(module).main()
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from cardan.common.signals import on_ending
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """An event that every signal sets which would end the process, in its main thread."""
+    """Yield an event that is set by every signal that would end the process, in its main thread."""
     interrupted = threading.Event()
     with on_ending(lambda _signal: interrupted.set()):
         yield interrupted

@@ -1,8 +1,6 @@
-"""Signals that end a program, taken as a request to end in good order.
-
-A program that moves a robot, or stands in for one, must not die of a signal that it could have
-taken: a robot is braked by the process that commands it.
-"""
+"""Signals that end a program, handled as a request to end in good order. A program that moves or
+simulates a robot must not die of a signal that it could handle: a robot is braked by the process
+that commands it."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ from types import FrameType
 from typing import Any
 
 _OWN_FAULTS = ("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGTRAP", "SIGSYS")
-"""Signals of a fault in the process itself, which cannot go on."""
+"""Signals of a fault in the process itself, which cannot continue."""
 
 _NO_END = ("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGTSTP", "SIGTTIN", "SIGTTOU")
 """Signals that are ignored, or stop a process, unless it handles them."""
@@ -22,7 +20,7 @@ _NO_END = ("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGTSTP", "SIGTTIN", "SI
 _NEVER_HANDLED = ("SIGKILL", "SIGSTOP")
 
 _ERRORS = ("SIGPIPE", "SIGXFSZ")
-"""Python ignores them: the call that caused one raises OSError."""
+"""Signals that Python ignores: the call that caused one raises OSError."""
 
 ENDING_SIGNALS: frozenset[int] = frozenset(signal.valid_signals()) - {
     getattr(signal, name)
@@ -33,10 +31,10 @@ ENDING_SIGNALS: frozenset[int] = frozenset(signal.valid_signals()) - {
 QUIT, ABRT, USR1, USR2, ALRM, TERM, STKFLT, XCPU, VTALRM, PROF, IO, PWR and the real-time ones."""
 
 _ALWAYS = frozenset({signal.SIGINT, signal.SIGTERM})
-"""Taken even where they are ignored, as in the background of a shell without job control."""
+"""Signals handled even if they are ignored, as in the background of a shell without job control."""
 
 Handler = Any
-"""Handler as :func:`signal.signal` takes and returns it."""
+"""Handler in the form of :func:`signal.signal`."""
 
 
 class _Taken:
@@ -50,12 +48,11 @@ class _Taken:
 
 
 def take_ending(action: Callable[[int], None], also: Iterable[int] = ()) -> Mapping[int, Handler]:
-    """From now on call `action` with the number of each ending signal, and of those in `also`.
-
-    SIGINT and SIGTERM are always taken, others if they would have ended (stopped) the process: a
-    signal that is ignored (``nohup``), or has another handler, stays so. Returns the handlers from
-    before; none outside the main thread, where nothing can be taken. `action` runs in the main
-    thread, between two of its instructions, and must neither wait nor print.
+    """Call `action` with the number of each ending signal, and of those in `also`, from now on.
+    SIGINT and SIGTERM are always handled, others if they would have ended (stopped) the process: a
+    signal that is ignored (``nohup``), or has another handler, stays so. Return the previous
+    handlers; none outside the main thread, which cannot set any. `action` runs in the main thread,
+    between two of its instructions, and must neither wait nor print.
     """
     if threading.current_thread() is not threading.main_thread():
         return {}
@@ -70,7 +67,7 @@ def take_ending(action: Callable[[int], None], also: Iterable[int] = ()) -> Mapp
 
 @contextlib.contextmanager
 def on_ending(action: Callable[[int], None], also: Iterable[int] = ()) -> Iterator[None]:
-    """:func:`take_ending` for a ``with`` block."""
+    """Call :func:`take_ending` for a ``with`` block."""
     before = take_ending(action, also)
     try:
         yield
@@ -87,16 +84,13 @@ def ignore_ending() -> None:
 
 
 class EndingSignalError(SystemExit):
-    """An ending signal has come; `code` is 128 and its number, as a shell has it."""
+    """Ending signal as an exception; `code` is 128 and its number, as in a shell."""
 
 
 @contextlib.contextmanager
 def raised_on_ending() -> Iterator[None]:
     """Raise EndingSignalError for the first ending signal, so that ``with`` blocks and ``finally``
-    clauses are gone through.
-
-    Those that follow do not interrupt them, except for another Ctrl-C (SIGINT).
-    """
+    clauses are run. Later signals do not interrupt them, except for another Ctrl-C (SIGINT)."""
     raised = False
 
     def leave(number: int) -> None:
@@ -110,7 +104,7 @@ def raised_on_ending() -> Iterator[None]:
 
 
 def signal_name(number: int) -> str:
-    """``SIGHUP``; a real-time signal by its number."""
+    """Return the name, such as ``SIGHUP``; for a real-time signal its number."""
     try:
         return signal.Signals(number).name
     except ValueError:

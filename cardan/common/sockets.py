@@ -1,7 +1,7 @@
 """Opens sockets at addresses and paths as given by users, with errors that say what is wrong.
 
-A Unix socket that is bound here is its owner's (mode 0600) whatever the umask, unless all users are
-asked for; a program that serves at a path is trusted only if its user may be.
+A Unix socket bound here is its owner's (mode 0600) for any umask, unless opened for all users; a
+program that serves at a path is trusted only by its user.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ OWNER_ONLY: Final = 0o600
 EVERYBODY: Final = 0o666
 
 DRAIN_AT_MOST: Final = 256
-"""Datagrams taken from a socket at once: a flood must not keep a cycle from its schedule."""
+"""Most datagrams taken from a socket at once: a flood must not delay a cycle."""
 
 QUEUE_LOOK_S: Final = 0.01
-"""Pause before another attempt to come into a queue that is full."""
+"""Pause before another attempt to enter a full queue."""
 
 _INT: Final = struct.Struct("i")
 _NO_BYTES: Final = bytes(_INT.size)
@@ -44,21 +44,21 @@ _STAMPS: Final = 35
 _STAMP: Final = struct.Struct("@ll")
 _STAMP_BYTES: Final = socket.CMSG_SPACE(_STAMP.size)
 LAIN_AT_MOST_S: Final = 10.0
-"""A datagram that seems to have lain for longer was stamped by a clock that has been set since."""
+"""Longest time of a datagram in the buffer; beyond, the clock of its stamp has been set since."""
 
 _ANY_PORT: Final = 9
-"""For asking the system about an address: nothing is sent."""
+"""Port for querying the system about an address: nothing is sent."""
 
 
 def hang_up(sock: socket.socket) -> None:
-    """End a stream, also where a process that was forked meanwhile still holds it, and close it."""
+    """End and close a stream, even if a forked process still has it."""
     with contextlib.suppress(OSError):
         sock.shutdown(socket.SHUT_RDWR)
     sock.close()
 
 
 def waiting_bytes(sock: socket.socket) -> int:
-    """Unread bytes of a stream; 0 if it is closed."""
+    """Return the unread bytes of a stream; 0 if it is closed."""
     if sock.fileno() < 0:
         return 0
     try:
@@ -69,7 +69,8 @@ def waiting_bytes(sock: socket.socket) -> int:
 
 
 def has_room(sock: socket.socket) -> bool:
-    """Whether a stream's receive buffer is far from full: no data of its sender waits elsewhere."""
+    """Return whether a stream's receive buffer is far from full: no data of its sender waits
+    elsewhere."""
     try:
         if _MEMINFO is None:
             size = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
@@ -81,8 +82,8 @@ def has_room(sock: socket.socket) -> bool:
 
 
 def address_towards(host: str, port: int) -> str:
-    """The address of this computer on the way to that one. No packet is sent. Raises OSError where
-    there is no way."""
+    """Return the address of this computer on the route to `host`. No packet is sent. Raises OSError
+    without a route."""
     family, _, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, socket.SOCK_DGRAM) as way:
         way.connect(place)
@@ -90,8 +91,8 @@ def address_towards(host: str, port: int) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a name or an address, in brackets or not, is this computer for itself alone (names:
-    RFC 6761, 6.3)."""
+    """Return whether a name or an address, in brackets or not, is this computer only (names: RFC
+    6761, 6.3)."""
     if host == "localhost" or host.endswith(".localhost"):
         return True
     try:
@@ -102,7 +103,7 @@ def is_loopback(host: str) -> bool:
 
 def refuse_shared(problem: str, address: str, *, listens: bool) -> None:
     """Raise an AddressError that begins with `problem` unless `address`, a number, is one
-    computer's; where it `listens`, it may stand for all of this computer's own."""
+    computer's; for `listens`, all addresses of this computer are allowed."""
     kind = shared_address(address)
     if kind and listens and ipaddress.ip_address(address).is_unspecified:
         return
@@ -126,10 +127,8 @@ def opened(
     problem: str | Callable[[OSError], str],
     family: socket.AddressFamily = socket.AF_INET,
 ) -> socket.socket:
-    """A non-blocking socket that `join` has bound or connected to `host` and `port`.
-
-    Raises an AddressError that begins with `problem`, or that is what `problem` says of the error.
-    """
+    """Return a non-blocking socket that `join` has bound or connected to `host` and `port`. Raises
+    an AddressError that begins with `problem`, or the one that `problem` returns for the error."""
     sock = None
     try:
         found = socket.getaddrinfo(host, port, family=family, type=kind)[0]
@@ -154,10 +153,8 @@ def opened(
 def waiting(
     sock: socket.socket, largest: int, failed: Callable[[], object] = lambda: None
 ) -> Iterator[tuple[bytes, Any]]:
-    """The datagrams of at most `largest` bytes that are there already, with their sources.
-
-    `failed` is called for each OSError, as of an earlier datagram that was undeliverable.
-    """
+    """Yield the waiting datagrams of at most `largest` bytes, with their sources. `failed` is
+    called for each OSError, such as of an earlier undeliverable datagram."""
     for _ in range(DRAIN_AT_MOST):
         try:
             yield sock.recvfrom(largest)
@@ -168,7 +165,7 @@ def waiting(
 
 
 def ask_for_stamps(sock: socket.socket) -> bool:
-    """Have the kernel stamp datagrams as they come; False where it cannot, as on macOS."""
+    """Let the kernel stamp received datagrams; return False if it cannot, as on macOS."""
     if sys.platform != "linux":
         return False
     try:
@@ -179,7 +176,8 @@ def ask_for_stamps(sock: socket.socket) -> bool:
 
 
 def waiting_stamped(sock: socket.socket, largest: int) -> Iterator[tuple[bytes, Any, float]]:
-    """Waiting datagrams of a socket with stamps, each with its time in the receive buffer, s."""
+    """Yield waiting datagrams of a socket with stamps, each with its time in the receive buffer,
+    s."""
     for _ in range(DRAIN_AT_MOST):
         try:
             data, ancillary, _flags, source = sock.recvmsg(largest, _STAMP_BYTES)
@@ -199,21 +197,19 @@ class Advice(NamedTuple):
     """Advice for a path that cannot be used, in terms of the option that the user gave."""
 
     no_socket: str = "give another path"
-    """The path is that of something else."""
+    """The path belongs to something else."""
     served: str = "end it or give another path"
-    """Another program serves it."""
+    """Another program serves at the path."""
     refused: str = "give a short path in a directory that can be written"
-    """The system refuses it."""
+    """The system refuses the path."""
 
 
 ANOTHER_PATH = Advice()
 
 
 class UnixSocket:
-    """A Unix socket of `kind` bound at `path`, for the users whom `mode` names; it does not listen.
-
-    A socket that a program left behind there is removed. Raises AddressError when the path cannot
-    be had.
+    """A Unix socket of `kind` bound at `path`, for the users of `mode`; it does not listen. A stale
+    socket there is removed. Raises AddressError if the path cannot be used.
     """
 
     def __init__(
@@ -245,7 +241,8 @@ class UnixSocket:
             raise AddressError(problem) from None
 
     def close(self) -> None:
-        """Close it and remove its path, if that is still ours. Never raises; twice is fine."""
+        """Close it and remove its path, unless another program has replaced it. Never raises; twice
+        is fine."""
         self.sock.close()
         with contextlib.suppress(OSError):
             if self._identity is not None and _identity(self.path) == self._identity:
@@ -254,14 +251,13 @@ class UnixSocket:
 
 
 class UntrustedServerError(PermissionError):
-    """Another user's program serves at a path where anybody may put a socket."""
+    """Error: another user's program serves at a path where anybody may put a socket."""
 
 
 def connected(path: str, kind: socket.SocketKind, timeout_s: float | None) -> socket.socket:
-    """A socket connected to the Unix socket at `path`; its operations take at most `timeout_s`.
-
-    Raises OSError; an UntrustedServerError where neither the superuser, nor this one, nor the
-    owner of the socket's directory serves there: anybody can put a socket into /tmp.
+    """Return a socket connected to the Unix socket at `path`; its operations take at most
+    `timeout_s`. Raises OSError; an UntrustedServerError if neither the superuser, nor this user,
+    nor the owner of the socket's directory serves there: anybody can put a socket into /tmp.
     """
     peer = socket.socket(socket.AF_UNIX, kind)
     try:
@@ -283,8 +279,8 @@ def connected(path: str, kind: socket.SocketKind, timeout_s: float | None) -> so
 
 
 def _connect(peer: socket.socket, path: str, timeout_s: float | None) -> None:
-    """Connect, and wait for a place in the server's queue, too: with a time limit the kernel does
-    not, and gives EAGAIN."""
+    """Connect, including the wait for a place in the server's queue: with a time limit the kernel
+    gives EAGAIN instead."""
     end_s = time.monotonic() + (timeout_s or 0.0)
     while True:
         try:
@@ -302,7 +298,8 @@ _CREDENTIALS = struct.Struct("=iII")
 
 
 def user_of(peer: socket.socket) -> int | None:
-    """The user at the other end of a Unix socket, as the kernel saw it connect; None: not known."""
+    """Return the user at the other end of a Unix socket, known to the kernel since the connection;
+    None: unknown."""
     if not hasattr(socket, "SO_PEERCRED"):
         return None
     data = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
@@ -311,11 +308,9 @@ def user_of(peer: socket.socket) -> int | None:
 
 
 def runtime_path(name: str) -> str:
-    """Default path of a socket `name` of this user's programs.
-
-    It is in the system's folder for sockets, XDG_RUNTIME_DIR; without one in the folder cardan-UID
-    among the temporary files.
-    """
+    """Return the default path of a socket `name` of this user's programs. It is in the system's
+    folder for sockets, XDG_RUNTIME_DIR; without one in the folder cardan-UID among the temporary
+    files."""
     folder = os.environ.get("XDG_RUNTIME_DIR", "")
     if not os.path.isabs(folder):
         user = os.getuid() if hasattr(os, "getuid") else 0
@@ -342,7 +337,7 @@ def make_runtime_folder() -> None:
 
 
 def absence(path: str, what: str = "socket") -> str:
-    """The missing part of the way to `path`, which may be relative; empty if it exists."""
+    """Return the missing part of the path `path`, which may be relative; empty if it exists."""
     whole = os.path.abspath(path)
     if os.path.lexists(whole):
         return ""

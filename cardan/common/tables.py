@@ -1,10 +1,10 @@
-"""From the tables of a configuration file to the options that they describe, and back.
+"""Conversion between the tables of a configuration file and options.
 
 A table is a dataclass. Its annotations give the allowed values (:mod:`cardan.common.options`), its
 defaults those of keys that are left out, its ``__post_init__`` checks that they fit together, and
 its ``RENAMED``, if any, has the new names of keys that an earlier version took, and of values, as
-"key = 'value'". A field may be a table of its own, several of them, or one of several kinds that a
-key tells apart (:class:`Tag`).
+"key = 'value'". A field may be a table, several tables, or one of several kinds that a key
+distinguishes (:class:`Tag`).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _REMEDIES = (
         "write a path in single quotes, or with / for \\",
     ),
 )
-"""Mistakes that are no TOML, by the parser's message or the line, and what to write instead."""
+"""Common mistakes by the parser's message or the line, and what to write instead."""
 
 _SAID = re.compile(
     r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
@@ -57,24 +57,22 @@ Kind = TypeVar("Kind")
 
 
 class Tag(NamedTuple):
-    """The key that tells which of several tables one is: ``Annotated[Sphere | Box, Tag("shape")]``.
-
-    Each of the tables has a field of that name, a ``Literal`` of one text.
-    """
+    """Key that distinguishes several kinds of tables: ``Annotated[Sphere | Box, Tag("shape")]``.
+    Each of the tables has a field of that name, a ``Literal`` of one text."""
 
     key: str
     default: str = ""
-    """Holds where the key is left out; empty: it must be given."""
+    """Value if the key is left out; empty: it must be given."""
 
 
 class AtMost(NamedTuple):
-    """How many tables there may be: ``Annotated[tuple[Fixture, ...], AtMost(8)]``."""
+    """Largest number of tables: ``Annotated[tuple[Fixture, ...], AtMost(8)]``."""
 
     most: int
 
 
 def read_text(path: Path, most_bytes: int = files.TEXT_BYTES, declared: bool = False) -> str:
-    """The text of a file, as :func:`cardan.common.files.read_text` has it. Raises
+    """Read the text of a file by :func:`cardan.common.files.read_text`. Raises
     ConfigurationError."""
     try:
         return files.read_text(path, most_bytes, declared)
@@ -85,7 +83,7 @@ def read_text(path: Path, most_bytes: int = files.TEXT_BYTES, declared: bool = F
 
 
 def parse_toml(text: str, of: object) -> dict[str, Any]:
-    """The tables that `text` holds; `of` says in errors where it is from."""
+    """Return the tables in `text`; `of` names its origin in errors."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -98,7 +96,7 @@ def parse_toml(text: str, of: object) -> dict[str, Any]:
 
 
 def _syntax_error(text: str, of: object, said: str) -> ConfigurationError:
-    """Error of `text` for which the TOML parser `said` something, with what to write instead."""
+    """Return the error for a `text` with the parser's message `said`, and what to write instead."""
     found = _SAID.fullmatch(said)
     assert found is not None, said
     lines = text.split("\n")
@@ -117,12 +115,12 @@ def _syntax_error(text: str, of: object, said: str) -> ConfigurationError:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a file. Raises ConfigurationError."""
+    """Return the tables of a file. Raises ConfigurationError."""
     return parse_toml(read_text(path), path)
 
 
 def as_toml(tables: Mapping[str, Any]) -> str:
-    """The text of a file with these tables; they may be all that `read_toml` can return."""
+    """Return the text of a file with these tables; all results of `read_toml` are allowed."""
     return "".join(f"{_toml_key(key)} = {_toml(value)}\n" for key, value in tables.items())
 
 
@@ -141,17 +139,14 @@ def _toml(value: object) -> str:
 
 
 def keys_of(kind: type[Any], from_file: bool = True) -> dict[str, Field[Any]]:
-    """The keys of a table, and the fields that they set.
-
-    Not `from_file`: the table goes from one program to another, so that the keys that only
-    programs set are among them.
-    """
+    """Return the keys of a table, and the fields that they set. Without `from_file` the table goes
+    from one program to another, and includes the keys that only programs set."""
     others = (OTHER_KEYS, CODE_ONLY) if from_file else (OTHER_KEYS,)
     return {each.name: each for each in fields(kind) if each.init and each.metadata not in others}
 
 
 def read_table(kind: type[Kind], table: object, key: str = "", from_file: bool = True) -> Kind:
-    """The `kind`, a dataclass, that `table` describes; `from_file` as :func:`keys_of` has it.
+    """Make the `kind`, a dataclass, that `table` describes; `from_file` as in :func:`keys_of`.
 
     Lists become tuples, and texts the members of an enum. ConfigurationError names the keys that
     are wrong, below `key`.
@@ -164,11 +159,10 @@ def read_table(kind: type[Kind], table: object, key: str = "", from_file: bool =
 
 
 def resolved(kind: Any, table: Any, file: Path, key: str = "") -> Any:
-    """`table`, a `kind`'s in `file`, with the paths in it (:class:`~cardan.common.bounds.Located`)
-    absolute: they are relative to the file, with ~ and variables of the environment.
-
-    A `kind` whose other keys are the options of another class names it by a class method
-    `kind_of_others`. ConfigurationError names a key below `key` whose file is not there.
+    """Return `table`, a `kind`'s in `file`, with absolute paths
+    (:class:`~cardan.common.bounds.Located`): they are relative to the file, with ~ and variables of
+    the environment. A `kind` whose other keys are the options of another class names it by a class
+    method `kind_of_others`. ConfigurationError names a key below `key` whose file is missing.
     """
     if not isinstance(table, Mapping):
         return table
@@ -212,7 +206,7 @@ def _resolved(hint: Any, value: Any, file: Path, key: str) -> Any:
 
 
 def _absolute(note: Located, value: str, file: Path, key: str) -> str:
-    """The text of a file with the path in it absolute."""
+    """Return the text of a file with the path in it absolute."""
     if (found := re.fullmatch(note.pattern, value)) is None:
         return value
     with below(key):
@@ -230,10 +224,8 @@ def _absolute(note: Located, value: str, file: Path, key: str) -> str:
 
 
 def as_table(options: Any, from_file: bool = True) -> dict[str, Any]:
-    """The table that describes `options`, as JSON has it: read_table makes the same of it.
-
-    `from_file` as :func:`keys_of` has it.
-    """
+    """Return the table that describes `options`, in JSON's types: read_table is the inverse.
+    `from_file` as in :func:`keys_of`."""
     kind = type(options)
     table = {key: plain(getattr(options, key), from_file) for key in keys_of(kind, from_file)}
     others: dict[str, Any] = plain(getattr(options, _others(kind), {}), from_file)
@@ -241,7 +233,7 @@ def as_table(options: Any, from_file: bool = True) -> dict[str, Any]:
 
 
 def plain(value: Any, from_file: bool = True) -> Any:
-    """A value of options as JSON has it; `from_file` as :func:`keys_of` has it."""
+    """Convert a value of options to JSON's types; `from_file` as in :func:`keys_of`."""
     if is_dataclass(value):
         return as_table(value, from_file)
     if isinstance(value, Mapping):
@@ -254,7 +246,7 @@ def plain(value: Any, from_file: bool = True) -> Any:
 
 
 def _others(kind: Any) -> str:
-    """The field that takes all keys that no other field has; empty: there is none."""
+    """Return the field for all keys that no other field has; empty: there is none."""
     return next((each.name for each in fields(kind) if each.metadata == OTHER_KEYS), "")
 
 
@@ -273,7 +265,7 @@ class _Reader:
         self.errors.append(ConfigurationError(key, message))
 
     def table(self, kind: Any, table: object, key: str, tag: str = "") -> Any:
-        """`tag` says in words which of several tables this is."""
+        """Read a table; `tag` describes which of several tables it is."""
         if not isinstance(table, Mapping):
             return self._wrong(key, f"{shown(table)} is not a table")
         before, keys = len(self.errors), keys_of(kind, self._from_file)
@@ -305,7 +297,7 @@ class _Reader:
                 return kind(**values)
             except ConfigurationError as error:
                 self.errors.append(error.below(key))
-            except ValueError as error:  # Of another package's options.
+            except ValueError as error:  # The options belong to another package.
                 self._wrong(key, str(error))
         return None
 

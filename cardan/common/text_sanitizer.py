@@ -1,15 +1,13 @@
-"""Sanitizer of foreign text for a terminal: from a wire, a device, a plug-in or a file.
-
-Terminals obey control characters: such text could recolor or erase what Cardan says, or answer in
-the user's name. It is kept as it came, and made printable where it leaves for the terminal.
-"""
+"""Sanitizer of external text for a terminal: from a network, a device, a plug-in or a file.
+Terminals obey control characters: such text could recolor or erase other output, or send input in
+the user's name. It is stored unchanged, and made printable on output to the terminal."""
 
 from __future__ import annotations
 
 
 def printable(text: str, keep: str = "") -> str:
-    """`text` with each character that is not printable, line ends too, as Python writes it
-    (``\\x1b``); those in `keep` stay."""
+    """Return `text` with each character that is not printable, line ends too, escaped as in Python
+    (``\x1b``), except those in `keep`."""
     if text.isprintable():
         return text
     return "".join(

@@ -1,7 +1,7 @@
 """Codes of the messages that an operator must act on, with cause and remedy: troubles.toml.
 
-A message is known by its fixed words, so that the place that says it needs no code. Looking takes
-some 0.02 ms: it belongs where words are shown to people, never in a control cycle.
+A message is recognized by its fixed words, so that its source needs no code. The search takes some
+0.02 ms: it is for messages shown to people, never in a control cycle.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ AREAS = {
 _HISTORY = re.compile(r"stopped before: .*?(?:; |$)")
 
 GAP = "..."
-"""Stands for a value in the words of a message."""
+"""Placeholder for a value in the words of a message."""
 
 KEY = ": "
-"""Begins words that come first in a message, or after the key that it is about."""
+"""Prefix of words at the beginning of a message, or after the key that it is about."""
 
 
 class Trouble(NamedTuple):
@@ -40,18 +40,18 @@ class Trouble(NamedTuple):
 
     code: str
     words: tuple[str, ...]
-    """Ways in which the message is said."""
+    """Variants of the message."""
     cause: str
     now: str
-    """Behavior of the program meanwhile."""
+    """Present behavior of the program."""
     do: str
     page: str
-    """Page of the documentation, as seen from docs/."""
+    """Page of the documentation, relative to docs/."""
 
 
 @functools.cache
 def troubles() -> Mapping[str, Trouble]:
-    """All entries by code, in the order of the file."""
+    """Return all entries by code, in the order of the file."""
     from cardan.common.tables import parse_toml
 
     tables = parse_toml(FILE.read_text(encoding="utf-8"), FILE.name)
@@ -64,7 +64,7 @@ def troubles() -> Mapping[str, Trouble]:
 
 @functools.cache
 def sayings() -> tuple[tuple[str, str, str], ...]:
-    """Each way of saying a message, the longest of its fixed parts, and its code."""
+    """Return each variant of a message, the longest of its fixed parts, and its code."""
     return tuple(
         (words, max(_parts(words), key=len), trouble.code)
         for trouble in troubles().values()
@@ -74,7 +74,7 @@ def sayings() -> tuple[tuple[str, str, str], ...]:
 
 @functools.cache
 def pattern(words: str) -> re.Pattern[str]:
-    """Pattern that finds a message with these words."""
+    """Return the pattern that finds a message with these words."""
     text = ".*?".join(map(re.escape, _parts(words)))
     # Words that begin with a letter do not begin within a word.
     begin = "(?:^|: )" if words.startswith(KEY) else r"\b" if words[0].isalpha() else ""
@@ -86,8 +86,8 @@ def _parts(words: str) -> list[str]:
 
 
 def codes_of(message: str) -> list[str]:
-    """The codes in a message, in its order; without those of an earlier stop if the message has
-    others."""
+    """Return the codes in a message, in its order; without those of an earlier stop if the message
+    has others."""
     found = sorted(
         (match.start(), -len(match[0]), code)
         for words, part, code in sayings()
@@ -105,12 +105,12 @@ def codes_of(message: str) -> list[str]:
 
 
 def code_of(message: str) -> str | None:
-    """The first of `codes_of` a message; None: there is none."""
+    """Return the first of `codes_of` a message; None: there is none."""
     return next(iter(codes_of(message)), None)
 
 
 def coded(message: str) -> str:
-    """`message` with the codes of each of its lines, as people are shown it: "... [S004]"."""
+    """Return `message` with the codes of each of its lines, for people: "... [S004]"."""
     return "\n".join(map(_line_coded, message.split("\n")))
 
 
@@ -120,7 +120,7 @@ def _line_coded(line: str) -> str:
 
 
 def explained(asked: str) -> Trouble:
-    """The entry of a code, or of a message. Raises ConfigurationError: there is none."""
+    """Return the entry of a code, or of a message. Raises ConfigurationError if there is none."""
     import difflib
 
     table = troubles()

@@ -1,8 +1,8 @@
 """Values of :mod:`cardan.types` to JSON and back, with the unit of each number in its key.
 
 A pose is ``{"position_m": {"x": ..., "y": ..., "z": ...}, "orientation": {"w": ..., "x": ..., "y":
-..., "z": ...}, "frame": "base"}``: no order can be mistaken. A number that JSON does not have, such
-as the stamp of an event that has not happened, is a text that ``float()`` reads ("-inf").
+..., "z": ...}, "frame": "base"}``: the order of numbers cannot be confused. A number that JSON
+lacks, such as the stamp of an event that has not happened, is a text for ``float()`` ("-inf").
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ UNITS: Final[Mapping[type, Mapping[str, str]]] = {
         "acceleration": "rad_s2_or_m_s2",
     },
 }
-"""Units of fields whose names have none; a name that ends in a unit ("stamp_s") stays."""
+"""Units of fields whose names have none; a name with a unit ("stamp_s") stays."""
 
 _COMMANDS: Final = {
     kind._field_defaults["kind"].value: kind for kind in get_args(types.RobotCommand)
@@ -50,7 +50,7 @@ _COMMANDS: Final = {
 
 
 def to_json(value: Any) -> Any:
-    """`value` in JSON's types: of a named tuple an object, whose keys say units."""
+    """Convert `value` to JSON's types: a named tuple becomes an object, whose keys have units."""
     if isinstance(value, enum.Enum):
         return value.value
     if isinstance(value, float):
@@ -68,17 +68,15 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(kind: type[_T], table: Any) -> _T:
-    """The value of `kind` (:class:`cardan.Pose`, :data:`cardan.RobotCommand`) that `to_json` made
-    this of. Fields that have a default may be missing.
-
-    Raises ConfigurationError, a ValueError, that names the key.
-    """
+    """Convert the result of `to_json` back to the value of `kind` (:class:`cardan.Pose`,
+    :data:`cardan.RobotCommand`). Fields that have a default may be missing. Raises
+    ConfigurationError, a ValueError, that names the key."""
     value: _T = _back(kind, table, "")
     return value
 
 
 def key_of(kind: type, name: str) -> str:
-    """The key of a field."""
+    """Return the key of a field."""
     unit = UNITS.get(kind, {}).get(name)
     return f"{name}_{unit}" if unit else name
 

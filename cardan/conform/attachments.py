@@ -85,7 +85,7 @@ def _datagrams(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packe
 
 
 def _segments(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
-    """Yield TCP segments as without loss: opened, acknowledged with data, closed."""
+    """Yield TCP segments of a connection without loss: opened, acknowledged with data, closed."""
     places: dict[str, list[int]] = {}
     opened: dict[str, int] = {}
 

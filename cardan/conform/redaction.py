@@ -17,7 +17,7 @@ _HOME = re.compile(r"(?<![\w.])/(?:home|Users)/[^/\s]+")
 
 
 class Redaction:
-    """Replaces each address by a name that it keeps: host-1, host-2, radio-1, ..."""
+    """Replaces each address by a stable name: host-1, host-2, radio-1, ..."""
 
     def __init__(self) -> None:
         self._names: dict[str, str] = {}

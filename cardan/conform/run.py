@@ -67,8 +67,8 @@ def at(
 
 def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[SuiteReport, WireTimeline]:
     """Check recorded traffic: a capture, or a record of `save` on its level. `target`,
-    ``[HOST][:PORT]``, says which of a capture's flows, and where it is not at the usual port; or
-    which device, as `cardan dissect` shows it.
+    ``[HOST][:PORT]``, selects a capture's flow, also at an unusual port; or a device, by its name
+    in `cardan dissect`.
 
     Raises CaptureError for a file that cannot be read, ConfigurationError for one without such a
     flow, and ExtraMissingError without the plug-in that reads captures, or without mcap.

@@ -50,7 +50,7 @@ def mark(phase: str) -> Step:
 
 
 def ask(what: str, instruction: str) -> Step:
-    """Ask the operator to do `what` by hand, as `instruction` says."""
+    """Ask the operator to do `what` by hand, with the given instruction."""
     return Step(Kind.ASKED, what, note=instruction)
 
 

@@ -24,8 +24,8 @@ COMPARED = 60
 
 
 def second_description(name: str) -> Any:
-    """Return the module of layers that the entry point `name` gives. Raises ExtraMissingError where
-    there is none, or where it cannot be imported for want of a package."""
+    """Return the module of layers of the entry point `name`. Raises ExtraMissingError if it is
+    absent, or a package for its import is missing."""
     try:
         for point in entry_points(ENTRY_POINT_GROUP):
             if point.name == name:
@@ -58,7 +58,7 @@ def read_twice(
 
 def differing(value: Any, layer: Any, names: Mapping[str, str]) -> str:
     """Return the first field of a codec's named tuple that a layer has with another value, in
-    words; empty: none. `names` has the layer's name of a field where it is not the codec's."""
+    words; empty: none. `names`: layer's name of a field, if it differs."""
     for name, known in value._asdict().items():
         read = getattr(layer, names.get(name, name), known)
         read = read.decode() if isinstance(read, bytes) and isinstance(known, str) else read
@@ -68,6 +68,6 @@ def differing(value: Any, layer: Any, names: Mapping[str, str]) -> str:
 
 
 def refused(layers: Any, layer: Any) -> str:
-    """Return why the layers refuse a message; empty: they accept it."""
+    """Return the reason why the layers refuse a message; empty: they accept it."""
     wrong = layers.malformed(layer)
     return f"the layers refuse it: {wrong}" if wrong is not None else ""

@@ -21,7 +21,7 @@ class ChannelReaders:
         """Arrival of the first bytes of each channel's incomplete message."""
 
     def begin(self, channel: str) -> None:
-        """Start the channel anew: bytes from now on do not continue earlier ones."""
+        """Restart the channel: later bytes do not continue earlier ones."""
         self._readers[channel] = self._made(channel)
         self._begun_s.pop(channel, None)
 

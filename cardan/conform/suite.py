@@ -48,7 +48,7 @@ class Suite(Generic[V]):
     transport: ClassVar[SuiteTransport]
     dissector: ClassVar[str] = ""
     """For a device without network packets: the dissector of its reports in a USB or Bluetooth
-    capture, as cardan-dissect and its plug-ins name it; empty: none."""
+    capture, by its name in cardan-dissect and its plug-ins; empty: none."""
     fault_test_values: ClassVar[Mapping[str, float]] = {}
     """Values of fault switches with which a fault shows within the short time of a simulated run;
     the other switches use their default."""
@@ -60,7 +60,7 @@ class Suite(Generic[V]):
     decode: Callable[[WireTimeline], V]
     """Makes a timeline's decoded traffic, which the requirements are checked on."""
     scenario: Callable[[Level, float], Scenario]
-    """Makes the scenario of every level up to the given one, each for about so many seconds."""
+    """Makes the scenario of every level up to the given one, each for about the given time, s."""
     simulation: ClassVar[str]
     """``package.module:Class`` of the connection between a scenario and the simulated peer, made
     from an exchange, faults and a seed, with `run`. A target is tested without it."""

@@ -1,6 +1,6 @@
-"""Runs an example without hardware: its simulated peers in processes of their own, and a session.
+"""Runs an example without hardware: its simulated peers in separate processes, and a session.
 
-Between the peers runs the real gateway with the real drivers.
+The real gateway with the real drivers runs between the peers.
 """
 
 from __future__ import annotations
@@ -38,39 +38,39 @@ EXIT_INCOMPLETE = 4
 
 ALL_INTERFACES = "0.0.0.0"
 HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
-"""Addresses of a server: the first that can be served. The page is for phones, too, if a
+"""Addresses of a server: the first that can be served. Phones can open the page too if a
 certificate can be made."""
 
 PAUSE_S = 0.03
-"""A simulated device or robot that stands still for longer may be taken for a lost one."""
+"""A simulated device or robot that pauses for longer may be taken for a lost one."""
 
 WELL_FOLLOWED_M = 0.02
 """Largest distance of the simulated arm from its reference at the demo's speeds: servo delay and
 filter account for about 8 mm at 0.25 m/s."""
 
 MISSED_SHARE = 0.01
-"""Largest share of missed cycles: more is not explained by a machine with other work to do that
-does not grant real-time scheduling; a real controller would tolerate it as well."""
+"""Largest share of missed cycles. More is not explained by a loaded machine without real-time
+scheduling; a real controller would tolerate this share as well."""
 
 HELD_SHARE = 0.25
 """Largest RMS deviation of the contact force, as a share of its target. The stylus's own friction
 of 0.26 N hides more than a third of the hand's force while it stands still, and less while it
-slides; approach and lifting count, too."""
+slides. Approach and lifting count too."""
 
 OUT_SHARE = 0.01
-"""Largest share of the time with teleoperation but without force: a computer that grants no
-real-time scheduling delays its loop now and then."""
+"""Largest share of the teleoperation time without force: a computer without real-time scheduling
+delays its loop now and then."""
 
 FORCE_AGE_S = 0.010
-"""Largest age of a force: one EGM cycle between two forces, and 2 ms at most to the hand, on a
-machine that keeps up; on one without real-time scheduling 1 % of the delays are longer."""
+"""Largest age of a force on a machine that keeps up: one EGM cycle between two forces, and at most
+2 ms to the device. Without real-time scheduling 1 % of the delays are longer."""
 
 
 @contextlib.contextmanager
 def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConfig, Sequence[str]]]:
-    """Run all that the demo launches, for `seconds` and the most that starting and ending take.
+    """Run all programs that the demo launches, for `seconds` and the time of starting and ending.
 
-    Gives the session's configuration, and the command that it is run through (see `supervise`).
+    Yields the session's configuration, and the command that it is run through (see `supervise`).
     """
     through: Sequence[str] = ()
     if demo.launcher:
@@ -87,7 +87,7 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
 def served_servers(
     demo: Demo, config: SessionConfig, say: Callable[[str], None], picture_of: Callable[[str], str]
 ) -> Iterator[None]:
-    """Serve the demo's servers beside its session, and say where."""
+    """Serve the demo's servers beside its session, and print their addresses."""
     with contextlib.ExitStack() as opened:
         for name in demo.servers:
             if config.network is None:
@@ -109,7 +109,7 @@ def served_servers(
 
 
 def haptic_limits(demo: Demo, config: SessionConfig) -> FeedbackLimits | None:
-    """The limits of the demo's haptic device, wherever it is; None: it has none."""
+    """Return the limits of the demo's haptic device, here or remote; None if it has none."""
     device = make_device(config) if config.device is not None else None
     if not isinstance(device, HapticDevice):
         return None
@@ -126,12 +126,12 @@ def find_problems(
     paused_s: float = 0.0,
     far: bool = False,
 ) -> list[str]:
-    """The problems of a demo, by its last snapshot; empty when there were none.
+    """Return the problems of a demo from its last snapshot; empty if there were none.
 
-    `haptic`: the limits of a haptic device, which its force is checked against. `may_rest`: the arm
-    need not move. `paused_s`: longest time that this computer stood still (see Pauses); its
-    consequences are no problem of the demo, but a remark. `far`: the haptic device is at another
-    computer, which does not know the age of a force; contact has to be rendered there.
+    `haptic`: limits of a haptic device for its force. `may_rest`: the arm need not move.
+    `paused_s`: longest pause of this computer (see Pauses); its consequences are remarks and not
+    problems. `far`: the haptic device is at another computer, which does not know the age of a
+    force; contact has to be rendered there.
     """
     found = []
     if last.loop.cycles == 0:
@@ -151,7 +151,7 @@ def find_problems(
 
 
 def _interruptions(last: Snapshot, haptic: FeedbackLimits | None, *, far: bool) -> list[str]:
-    """Problems that a computer which stands still for a moment can cause, too."""
+    """Return problems that a pause of the computer can cause too."""
     found = []
     if last.arm.trips:
         found.append(f"teleoperation was disengaged {last.arm.trips} times")
@@ -180,8 +180,7 @@ def find_remarks(
     paused_s: float = 0.0,
     far: bool = False,
 ) -> list[str]:
-    """Remarks on the computer that a demo ran on, from the arguments of find_problems: no problems
-    of the demo."""
+    """Return remarks on the computer that a demo ran on, from the arguments of find_problems."""
     found = []
     if (missed := last.robot.missed_cycles) > MISSED_SHARE * last.loop.cycles:
         found.append(
@@ -194,7 +193,7 @@ def find_remarks(
 
 
 def _force_problems(last: Snapshot, haptic: FeedbackLimits) -> list[str]:
-    """The problems of the force feedback."""
+    """Return the problems of the force feedback."""
     found = []
     force, contact = last.force, last.contact
     if contact.target_n is not None:
@@ -221,7 +220,7 @@ def _force_problems(last: Snapshot, haptic: FeedbackLimits) -> list[str]:
 
 
 def _success(demo: Demo, last: Snapshot, haptic: FeedbackLimits | None) -> str:
-    """The message of a demo without problems."""
+    """Return the message of a demo without problems."""
     if last.tracking.path_m == 0.0:
         return "nobody moved the arm"
     if haptic is None:
@@ -243,7 +242,7 @@ def _success(demo: Demo, last: Snapshot, haptic: FeedbackLimits | None) -> str:
 
 
 def choose_demo(name: str) -> Demo:
-    """The demo of this name, or of this .toml file."""
+    """Return the demo of this name, or of this .toml file."""
     if name.endswith(".toml"):
         demo = read_demo(Path(name).absolute())
         if demo is None:
@@ -258,8 +257,8 @@ def choose_demo(name: str) -> Demo:
 
 
 def with_delay(demo: Demo, delay_ms: float | None) -> Demo:
-    """The demo with this delay of its network; None: its own. Raises ConfigurationError where it
-    has no network, or there is too much."""
+    """Return the demo with this delay of its network; None: its own. Raises ConfigurationError if
+    it has no network, or the delay is too long."""
     if delay_ms is None:
         return demo
     if demo.delay_ms is None:
@@ -271,7 +270,7 @@ def with_delay(demo: Demo, delay_ms: float | None) -> Demo:
 
 
 def check_length(demo: Demo, seconds: float) -> None:
-    """Raise ConfigurationError where the demo has nothing to show in `seconds`."""
+    """Raise ConfigurationError if the demo has nothing to show in `seconds`."""
     if not demo.shortest_s <= seconds < math.inf:
         raise ConfigurationError(
             "--seconds",
@@ -286,8 +285,8 @@ def run_demo(
     picture_of: Callable[[str], str] = str,
     delay_ms: float | None = None,
 ) -> int:
-    """Run a demo by its name or its file; returns the exit code of the command. `picture_of` turns
-    a page's address into a picture for a camera; `delay_ms`: of the demo's network, one way."""
+    """Run a demo by its name or file; return the exit code. `picture_of` turns a page's address
+    into a QR code; `delay_ms`: one-way delay of the demo's network."""
     demo = with_delay(choose_demo(name), delay_ms)
     check_length(demo, seconds)
     with SessionView() as view:

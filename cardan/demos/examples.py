@@ -48,38 +48,37 @@ _KEY = re.compile(r"\{([\w.]+)\}")
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(Options):
-    """An example that runs without hardware, and how: its block of comments."""
+    """Example that runs without hardware, declared in its block of comments."""
 
     file: Path = field(default=Path(), metadata=CODE_ONLY)
-    """The example, which is the session's configuration, or the daemon's."""
+    """Example file: the configuration of a session or of the daemon."""
     name: str
-    """As ``cardan demo NAME`` takes it; by default the file's, without "-simulated"."""
+    """Argument of ``cardan demo NAME``; by default the file's name without "-simulated"."""
     description: str
     """The connected programs, such as "simulated SpaceMouse -> gateway -> simulated GoFa"."""
     success_message: str
-    """The message when all went well."""
+    """Message after success."""
     launch: tuple[str, ...] = ()
-    """``cardan`` with these words, one process each, started in this order before the session, in a
-    folder of their own. Each prints READY once it serves, and takes ``--seconds``."""
+    """Arguments of ``cardan``, one process each, started in this order before the session in a
+    separate folder. Each prints READY once it serves, and takes ``--seconds``."""
     launcher: str = ""
-    """``cardan`` with these words, and "--", runs the session with its simulated device inside."""
+    """Arguments of ``cardan`` before "--" that run the session with its simulated device inside."""
     files: tuple[str, ...] = ()
-    """Keys of the configuration that are made paths in the demo's own folder."""
+    """Keys of the configuration that become paths in the demo's own folder."""
     ports: tuple[str, ...] = ()
-    """Keys of the configuration that are given free ports, in a row; of an endpoint of Zenoh's it
-    is the port."""
+    """Keys of the configuration that get consecutive free ports; in a Zenoh endpoint, the port
+    alone."""
     peer_ports: tuple[str, ...] = ()
     """Names of further free ports, in braces in `launch`: between programs that it launches."""
     servers: tuple[Literal["console", "rosbridge"], ...] = ()
     """Servers that run beside the session; their addresses are printed."""
     invitation: str = ""
-    """Actions that the user may take meanwhile, printed before the session starts. If a demo has
-    one, an arm that does not move is no problem."""
+    """Actions that the user may take, printed before the session starts. If a demo has one, an arm
+    that does not move is not a problem."""
     extras: tuple[str, ...] = ()
-    """Extras of Cardan that it needs beside ``arm``, such as ``network``: ``make demo`` installs
-    them."""
+    """Extras of Cardan needed beside ``arm``, such as ``network``; ``make demo`` installs them."""
     delay_ms: Annotated[float, DELAY_MS] | None = None
-    """Delay of its simulated network, one way; None: it has none."""
+    """One-way delay of its simulated network; None: it has none."""
     shortest_s: Annotated[float, bounds.POSITIVE] = 3.0
     """A shorter run has nothing to show."""
 
@@ -95,12 +94,12 @@ class Demo(Options):
 
     @property
     def is_lab(self) -> bool:
-        """Whether its file is one of the daemon's, which has several sessions."""
+        """True if its file is one of the daemon's, with several sessions."""
         return "sessions" in read_toml(self.file)
 
     @property
     def drivers(self) -> frozenset[str]:
-        """The names of the drivers that its configuration has."""
+        """Return the names of the drivers in its configuration."""
         tables = read_toml(self.file)
         places = (
             *(tables.get("device"), tables.get("robot"), tables.get("force", {}).get("sensor")),
@@ -111,15 +110,15 @@ class Demo(Options):
 
     @property
     def shared_file(self) -> Path | None:
-        """The file whose device it shares by ``devices share``; None: it shares none."""
+        """Return the file whose device it shares by ``devices share``; None if it shares none."""
         for words in map(shlex.split, self.launch):
             if "share" in words:
                 return Path(words[-1].replace("{examples}", str(self.file.parent)))
         return None
 
     def prepare(self, folder: Path) -> tuple[dict[str, Any], list[list[str]]]:
-        """The tables of the configuration and the words of each launch, with files in `folder` and
-        with ports that are free now."""
+        """Return the tables of the configuration and the words of each launch, with files in
+        `folder` and currently free ports."""
         tables = read_toml(self.file)
         for key in self.files:
             table, name = self._place(tables, key)
@@ -165,7 +164,7 @@ class Demo(Options):
         )
 
     def _place(self, tables: dict[str, Any], key: str) -> tuple[dict[str, Any], str]:
-        """The table that has the key, and the key's name in it."""
+        """Return the table that has the key, and the key's name in it."""
         *path, name = key.split(".")
         for word in path:
             found = tables.get(word)
@@ -176,7 +175,7 @@ class Demo(Options):
 
 
 def read_demo(file: Path) -> Demo | None:
-    """The demo that an example declares; None: it declares none. Raises ConfigurationError."""
+    """Return the demo that an example declares; None: no demo. Raises ConfigurationError."""
     block = _BLOCK.search(read_text(file))
     if block is None:
         return None
@@ -187,7 +186,7 @@ def read_demo(file: Path) -> Demo | None:
 
 
 def example_files() -> list[Path]:
-    """Every example of every package that has drivers; our own first."""
+    """Return every example of every package with drivers; built-in ones first."""
     folders: dict[Path, None] = {}
     for package in registry.packages():
         try:
@@ -198,14 +197,14 @@ def example_files() -> list[Path]:
             inside, beside = Path(home) / "examples", Path(home).parent / "examples"
             if inside.is_dir():
                 folders[inside.resolve()] = None
-            elif (Path(home).parent / "pyproject.toml").is_file():  # A source tree.
+            elif (Path(home).parent / "pyproject.toml").is_file():  # Source tree.
                 folders[beside.resolve()] = None
     return [file for folder in folders for file in sorted(folder.glob("*.toml"))]
 
 
 def find_demos() -> dict[str, Demo]:
-    """The demos by their names; of two with one name the first. A broken file is left out, and a
-    warning is logged."""
+    """Return the demos by name, the first of each name. A broken file is skipped with a warning in
+    the log."""
     found: dict[str, Demo] = {}
     for file in example_files():
         try:
@@ -219,7 +218,7 @@ def find_demos() -> dict[str, Demo]:
 
 
 def free_ports(count: int = 1) -> int:
-    """The first of `count` consecutive ports that are free, both by TCP and by UDP."""
+    """Return the first of `count` consecutive ports that are free for both TCP and UDP."""
     for _ in range(100):
         with contextlib.ExitStack() as probes:
             try:

@@ -1,6 +1,5 @@
-"""Runs the example of a lab without hardware: its simulated peers, and ``cardan daemon run`` with
-its file, all of them processes as any other program would start them; shown as ``cardan daemon
-top`` does."""
+"""Runs the example of a lab without hardware: its simulated peers and ``cardan daemon run`` with
+its file, as separate processes, displayed as by ``cardan daemon top``."""
 
 from __future__ import annotations
 
@@ -29,25 +28,25 @@ from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.subprocesses import READY_WITHIN_S, CardanSubprocess
 
 POLL_S: Final = 0.1
-"""How often the lab is looked at: as often as the daemon looks."""
+"""Period of looking at the lab, which is the daemon's own."""
 
 READY_S: Final = 60.0
-"""Longest time until all arms are there: the daemon and each session import their arms' models, on
-two cores with other work to do."""
+"""Longest time until all arms are present: the daemon and each session import their arms' models,
+on two cores under load."""
 
 SHOWN_S: Final = 0.5
-"""How often it is shown on a terminal, as ``cardan daemon top`` does."""
+"""Period of the display on a terminal, which is that of ``cardan daemon top``."""
 
 PRINTED_S: Final = 5.0
-"""How often it is printed elsewhere."""
+"""Period of the printed rows without a terminal."""
 
 
 @contextlib.contextmanager
 def simulated_lab(
     demo: Demo, seconds: float
 ) -> Iterator[tuple[Peers, DaemonConfig, CardanSubprocess]]:
-    """Run all that the demo launches, and the daemon, for `seconds` and the most that starting and
-    ending take. Gives the peers, the file's configuration, and the daemon."""
+    """Run all programs that the demo launches, and the daemon, for `seconds` and the time of
+    starting and ending. Yields the peers, the file's configuration, and the daemon."""
     peers = Peers(demo, READY_WITHIN_S + READY_S + seconds + ENDS_WITHIN_S)
     if "daemon" in peers.tables:
         raise ConfigurationError(f"{demo.file}: daemon", "the demo has a daemon of its own")
@@ -78,7 +77,7 @@ def simulated_lab(
 def write_lab(peers: Peers) -> Path:
     """Write the lab's file into the demo's folder."""
     file = peers.folder / "lab.toml"
-    # In place of the old one at once: a reader finds one of them, whole.
+    # Replaced atomically: a reader sees the old file or the new one, whole.
     fresh = file.with_suffix(".new")
     fresh.write_text(as_toml(peers.tables), encoding="utf-8")
     return fresh.replace(file)
@@ -106,7 +105,7 @@ class ObservedArms:
         self._errors_m: dict[str, float] = {}
 
     def take(self, rows: Iterable[view.Row]) -> None:
-        """Take the daemon's rows about them."""
+        """Record the daemon's rows about these sessions."""
         for row in rows:
             snapshot = row["snapshot"]
             if row["robot_link"] == "live":
@@ -119,11 +118,11 @@ class ObservedArms:
 
     @property
     def all_there(self) -> bool:
-        """Whether each robot has been there."""
+        """Return True if each robot has been present."""
         return not self._absent
 
     def problems(self) -> list[str]:
-        """Deviations from the expected course."""
+        """Return deviations from the expected course."""
         found = [f"the robot of {name} was never there" for name in self._absent]
         if not self._moved:
             found.append("no path was commanded")
@@ -137,7 +136,7 @@ class ObservedArms:
 
 
 def run_lab(demo: Demo, seconds: float) -> int:
-    """Run the demo for `seconds` from when all arms are there; the exit code of the command."""
+    """Run the demo for `seconds` after all arms are present; return the exit code."""
     signals: list[int] = []
     console = Console()
     console.print(demo.description, markup=False)

@@ -1,4 +1,4 @@
-"""Notices that this computer stood still: a virtual machine without a processor, a laptop's lid."""
+"""Detects pauses of this computer: a virtual machine without a processor, a laptop's closed lid."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ LOOKED_EVERY_S = 0.005
 
 
 class Pauses:
-    """Looks in a ``with`` block how late this computer is, on each of its processors.
+    """Measure in a ``with`` block how late this computer is, on each of its processors.
 
-    A thread per processor asks to be woken every 5 ms. Other programs on that processor were woken
-    as late as it was, unless they are scheduled in real time.
+    A thread per processor sleeps for 5 ms at a time. Other programs on that processor were woken as
+    late as the thread, unless they have real-time scheduling.
     """
 
     def __init__(self) -> None:
         self.longest_s = 0.0
-        """The longest time by which a processor was late."""
+        """Longest delay of a processor."""
         self._ended = threading.Event()
         self._threads = [
             threading.Thread(target=self._look, args=(processors,), daemon=True, name="pauses")
@@ -36,7 +36,7 @@ class Pauses:
             thread.join()
 
     def _look(self, processors: set[int]) -> None:
-        """Measure until the block ends, on these processors alone; on all if none is given."""
+        """Measure until the block ends, on these processors alone, or on all if none is given."""
         if processors:
             os.sched_setaffinity(0, processors)  # of this thread
         woken_s = time.monotonic()
@@ -48,7 +48,7 @@ class Pauses:
 
 
 def _processors() -> list[set[int]]:
-    """The processors of this process one by one, if the system can tell them apart."""
+    """Return the processors of this process one by one, if the system can tell them apart."""
     try:
         return [{processor} for processor in os.sched_getaffinity(0)]
     except AttributeError:  # only Linux can

@@ -1,4 +1,4 @@
-"""The simulated peers of a demo, in processes of their own."""
+"""Simulated peers of a demo, in separate processes."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from cardan.gateway.session.subprocesses import CardanSubprocess
 
 
 class Peers:
-    """Programs that a demo launches, and the folder that it has for a ``with`` block.
+    """Programs that a demo launches and their folder, for the length of a ``with`` block.
 
-    The peers are started as any other program would start them, by the command line. Should this
-    process be stopped for ever, they still end by themselves.
+    The peers are started by the command line, as by any other program. If this process is suspended
+    for ever, they still end by themselves.
     """
 
     def __init__(self, demo: Demo, seconds: float) -> None:
-        """`seconds`: how long they run at most. Raises ConfigurationError for a program that a demo
-        may not launch."""
+        """`seconds`: longest run. Raises ConfigurationError for a program that a demo may not
+        launch."""
         self.folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
         self.tables, launches = demo.prepare(self.folder)
-        """The configuration, with the demo's own paths and ports."""
+        """Configuration, with the demo's own paths and ports."""
         self.until = ("--seconds", str(seconds))
         self.commands = [check_words(demo, "launch", words) for words in launches]
         self._needs_folder = bool(launches or demo.files)
         self._running: dict[int, CardanSubprocess] = {}
 
     def __enter__(self) -> Peers:
-        # As late as can be: until a peer runs, it stays if this process is killed.
+        # As late as possible: until a peer runs, the folder stays if this process is killed.
         if self._needs_folder:
             self.folder.mkdir(0o700)
         return self
@@ -42,15 +42,15 @@ class Peers:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def start_all(self) -> None:
-        """Start them in their order. Raises DriverError where one does not serve."""
+        """Start all peers in their order. Raises DriverError if one does not serve."""
         for index in range(len(self.commands)):
             self.start(index)
 
     def start(self, index: int) -> None:
-        """Start the one of this command."""
+        """Start the peer of this index."""
         words = (*self.commands[index], *self.until)
         self._running[index] = CardanSubprocess(*words, folder=self.folder)
 
     def end(self, index: int) -> None:
-        """End it."""
+        """End the peer of this index."""
         self._running.pop(index).end()

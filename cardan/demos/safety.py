@@ -1,4 +1,5 @@
-"""Programs that a demo may run: it moves a robot unattended, so all of them must be simulated.
+"""Allow list of programs for a demo: it moves a robot unattended, thus all of them must be
+simulated.
 
 The rule allows programs that are known to be harmless and refuses all others: see
 :mod:`cardan.drivers.simulated` for drivers. Programs that a demo starts are simulated peers, and
@@ -28,13 +29,13 @@ from cardan.gateway.session.config import SessionConfig
 CARDAN = (sys.executable, "-m", "cardan")
 
 SIMULATED_BUSES = frozenset({"udp_multicast", "socketcand", "virtual"})
-"""The only ways to a CAN bus that a launched peer may be given."""
+"""Only CAN buses that a launched peer may use."""
 
 ADDRESSES = frozenset({"--host", "--listen", "--to"})
-"""Options of peers that are a host, or HOST:PORT; or an endpoint of Zenoh's by TCP."""
+"""Options of peers that are a host, HOST:PORT, or a Zenoh endpoint by TCP."""
 
 SERVING = {"spnav": "--socket", "share": "--listen"}
-"""Commands of `cardan devices` that serve the device of a file, and the option that says where."""
+"""Commands of `cardan devices` that serve the device of a file, and the option with the address."""
 
 
 def check_unattended(
@@ -42,7 +43,7 @@ def check_unattended(
 ) -> None:
     """Raise ConfigurationError unless all that the session reaches is simulated.
 
-    `names`: where its ``device`` and ``robot`` stand in the file, if elsewhere: ``devices.left``.
+    `names`: keys of ``device`` and ``robot`` in the file, if they differ: ``devices.left``.
     """
     if not (demo.launch or demo.launcher):
         _refuse(demo, "launch", "is empty, and so is launcher: no simulated peer is started")
@@ -103,8 +104,9 @@ def _check_driver(
 
 
 def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
-    """The words of a launched command, each option joined to its value, so that none can be taken
-    for a program to run. Raises ConfigurationError for a command that a demo may not start."""
+    """Return the words of a launched command, with each value joined to its option, lest it be
+    taken for a program to run. Raises ConfigurationError for a command that a demo may not
+    start."""
     if key == "launch" and _serves(words):
         return _checked_serving(demo, words)
     if key == "launch" and "--" in words and _serves(program := words[words.index("--") + 1 :]):
@@ -125,12 +127,12 @@ def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
 
 
 def _serves(words: Sequence[str]) -> bool:
-    """Whether they are a command of SERVING."""
+    """Return True for a command of SERVING."""
     return len(words) > 1 and words[0] == "devices" and words[1] in SERVING
 
 
 def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Options as --NAME=VALUE, and the other words."""
+    """Return options as --NAME=VALUE, and the other words."""
     options: list[str] = []
     rest: list[str] = []
     takes_value = False
@@ -163,8 +165,8 @@ def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], lis
 
 
 def _checked_serving(demo: Demo, words: Sequence[str], inside: str = "") -> list[str]:
-    """The words of a command of SERVING, of a file whose device is simulated: its paths are those
-    of the demo's own folder, where the command runs, or it is `inside` this peer."""
+    """Check a command of SERVING for a file with a simulated device, and return its words. Paths
+    are in the demo's own folder, where the command runs, unless it runs `inside` this peer."""
     command, needed = words[1], SERVING[words[1]]
     options, rest = _options(demo, "launch", words[2:])
     named = any(option.startswith(f"{needed}=") for option in options)

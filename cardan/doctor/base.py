@@ -25,11 +25,11 @@ COMMAND_S: Final = 3.0
 
 
 class FindingLevel(str, Enum):
-    """How bad a finding is."""
+    """Severity of a finding."""
 
     GOOD = "good"
     CAUTION = "caution"
-    """It works, but worse or not always; or the thing looked for is not there yet."""
+    """It works with limits or not always, or the device or peer looked for is absent."""
     FAILURE = "failure"
     """A configuration that cannot work."""
 
@@ -39,7 +39,7 @@ class Finding(NamedTuple):
 
     level: FindingLevel
     code: str
-    """The kind of finding, which its page explains: "real-time"."""
+    """Code of the finding, which its page explains: "real-time"."""
     what: str
     """The result in one line."""
     why: str = ""
@@ -49,23 +49,23 @@ class Finding(NamedTuple):
 
 
 def good(code: str, what: str) -> Finding:
-    """A finding of something that is as it should be."""
+    """Return a finding without a problem."""
     return Finding(FindingLevel.GOOD, code, what)
 
 
 def caution(code: str, what: str, why: str, mend: str) -> Finding:
-    """A finding that should be mended, and that nothing fails by."""
+    """Return a finding that should be fixed but breaks nothing."""
     return Finding(FindingLevel.CAUTION, code, what, why, mend)
 
 
 def failure(code: str, what: str, why: str, mend: str) -> Finding:
-    """A finding by which something cannot work."""
+    """Return a finding that keeps something from working."""
     return Finding(FindingLevel.FAILURE, code, what, why, mend)
 
 
 def run(words: Sequence[str]) -> str | None:
-    """Output of another program; None if it is missing, fails, or takes longer than COMMAND_S
-    seconds."""
+    """Return the output of another program; None if it is missing, fails, or takes longer than
+    COMMAND_S."""
     try:
         done = subprocess.run(
             words, capture_output=True, text=True, timeout=COMMAND_S, check=False, errors="replace"
@@ -76,7 +76,7 @@ def run(words: Sequence[str]) -> str | None:
 
 
 class Used(NamedTuple):
-    """A driver that a session of the files uses, not opened."""
+    """Driver that a session of the files uses, not opened."""
 
     session: str
     key: str
@@ -96,22 +96,22 @@ def _no_devices() -> Sequence[FoundDevice]:
 
 @dataclass(frozen=True)
 class Subject:
-    """Subject of an examination: the computer, and the files that were given."""
+    """Subject of an examination: the computer and the given files."""
 
     files: tuple[Path, ...] = ()
     config: DaemonConfig = NOTHING
     """The readable part of the files."""
     unreadable: str = ""
-    """Why the files cannot be used; empty: they can."""
+    """Reason why the files cannot be used; empty if they can."""
     devices: Callable[[], Sequence[FoundDevice]] = _no_devices
     """:func:`cardan.devices`."""
     root: Path = Path("/")
     """Parent folder of /proc, /sys, /dev and /etc."""
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     run: Callable[[Sequence[str]], str | None] = run
-    """Runs another program, which only tells."""
+    """Runs another program, which only reads."""
     socket: str = ""
-    """Socket of the daemon; empty: of this user's."""
+    """Socket of the daemon; empty: this user's."""
 
     @property
     def sessions(self) -> Mapping[str, SessionEntry]:
@@ -124,8 +124,8 @@ class Subject:
         return self.config.servers
 
     def used(self) -> Iterator[Used]:
-        """The drivers of all sessions. A driver that cannot be made is left out: the check of the
-        files reports it."""
+        """Yield the drivers of all sessions, without those that cannot be made: the check of the
+        files reports these."""
         for session, entry in self.sessions.items():
             for key in ("device", "robot"):
                 if (table := getattr(entry.config, key)) is None:
@@ -137,8 +137,8 @@ class Subject:
                 yield Used(session, key, table.driver, made)
 
     def buses(self) -> dict[BusOptions, str]:
-        """Options by which the files' sessions, drivers and servers join the bus, each with its
-        first user."""
+        """Return the options by which the files' sessions, drivers and servers join the bus, each
+        with its first user."""
         found: dict[BusOptions, str] = {}
         for name, entry in self.sessions.items():
             if entry.config.network is not None:
@@ -152,42 +152,42 @@ class Subject:
         return found
 
     def read(self, path: str) -> str:
-        """The text of a file of the system, of `root`; empty where it cannot be read."""
+        """Return the text of a file of the system below `root`; empty if it cannot be read."""
         return self.read_path(self.root / path)
 
     def read_path(self, path: Path) -> str:
-        """The text of a file by its whole path; empty where it cannot be read."""
+        """Return the text of a file by its whole path; empty if it cannot be read."""
         return text_or_empty(path)
 
 
 class Check(ABC):
-    """A check of the computer or the files. It is never instantiated; the class's docstring says
-    what it examines.
+    """Check of the computer or the files. It is never instantiated; the class's docstring says what
+    it examines.
 
-    Other packages add theirs by the entry-point group ``cardan.checks``, as drivers are.
+    Other packages add checks by the entry-point group ``cardan.checks``.
     """
 
     group: ClassVar[str] = ""
-    """The heading that its findings stand under."""
+    """Heading of its findings."""
     tells: ClassVar[tuple[str, ...]] = ()
-    """The codes of all its findings."""
+    """Codes of all its findings."""
 
     @classmethod
     @abstractmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
-        """Return the findings. It changes nothing, sends nothing to a robot, and ends within
-        seconds."""
+        """Return the findings, within seconds. A check changes nothing and sends nothing to a
+        robot."""
 
 
 def server_option(entry: ServerEntry, name: str, default: Any = "") -> str:
-    """The value of a server's option "token-file" as its words give it, or `default`."""
+    """Return the value of a server's option, such as "token-file", or `default`."""
     words = entry.words
     found = [words[at + 1] for at in range(len(words) - 1) if words[at] == f"--{name}"]
     return found[-1] if found else str(default)
 
 
 def server_defaults(entry: ServerEntry) -> dict[str, Any]:
-    """The options of a server and their defaults; none where it cannot be loaded."""
+    """Return the options of a server and their defaults; empty if it cannot be loaded."""
     try:
         options = server_registry.load(entry.server).Options()
     except CardanError:
@@ -204,8 +204,8 @@ def _fields(options: Any) -> dict[str, Any]:
 
 
 def _bus_of(entry: ServerEntry) -> BusOptions | None:
-    """Options by which a server joins the bus; None if it does not, or if its options are wrong,
-    which it reports when it starts."""
+    """Return the options by which a server joins the bus. None if it does not join, or if its
+    options are wrong, which it reports at its start."""
     defaults = server_defaults(entry)
     if not {"domain", "router"} <= defaults.keys():
         return None

@@ -1,4 +1,4 @@
-"""Checks whether controllers can be reached, or are heard; a server is asked for its protocol."""
+"""Checks that controllers can be reached, or send; a server is queried in its own protocol."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from cardan.errors import AddressError, shown
 GROUP = "controllers"
 
 LISTEN_S: Final = 2.0
-"""Longest wait for a controller that sends first: it sends every 4 to 48 ms while its program runs,
-and its program starts again within a second."""
+"""Longest wait for a controller that sends first. It sends every 4 to 48 ms while its program runs,
+and its program restarts within a second."""
 
 CONNECT_S: Final = 2.0
 """Longest wait for a TCP connection: over a cable it takes a millisecond."""
@@ -32,15 +32,16 @@ class Heard(NamedTuple):
     """Result of listening at a port, or of connecting."""
 
     sources: tuple[str, ...] = ()
-    """The computers that sent something."""
+    """Addresses of the senders."""
     said: bytes = b""
-    """A server's first words, where it has to say any; a datagram of another protocol."""
+    """First bytes of a server that sends first, or a datagram of another protocol."""
     error: int = 0
-    """Why it could not be tried, or failed: an errno; 0: it was."""
+    """errno of the failed attempt; 0: it succeeded."""
 
 
 def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[Endpoint, Heard]:
-    """Senders to these UDP ports within `seconds`, or until all are heard; nothing is sent."""
+    """Return the senders to these UDP ports within `seconds`, or until all have sent; send
+    nothing."""
     other: dict[Endpoint, bytes] = {}
     heard: dict[Endpoint, set[str]] = {}
     failed: dict[Endpoint, Heard] = {}
@@ -50,7 +51,8 @@ def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[End
                 sock = opened(each.host, each.port, socket.SOCK_DGRAM, socket.socket.bind, _number)
             except AddressError as error:
                 words = str(error)
-                # For an address that many computers share it has words: no server listens there.
+                # An address that many computers share raises an error in words: no server listens
+                # there.
                 failed[each] = Heard(error=int(words) if words.isdecimal() else errno.EADDRNOTAVAIL)
                 continue
             heard[each] = set()
@@ -78,12 +80,12 @@ def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[End
 
 
 def _number(error: OSError) -> str:
-    """An error as its number: `opened` has words only."""
+    """Return an error as its errno: `opened` raises words only."""
     return str(error.errno if error.errno and error.errno > 0 else errno.EADDRNOTAVAIL)
 
 
 def connect(endpoint: Endpoint, seconds: float = CONNECT_S) -> Heard:
-    """Whether a TCP server answers, and its reply if there is one; then close the connection."""
+    """Connect to a TCP server, read its greeting if it sends one, and close the connection."""
     try:
         with socket.create_connection((endpoint.host, endpoint.port), seconds) as sock:
             return Heard((str(sock.getpeername()[0]),), _first_words(sock, endpoint, seconds))
@@ -115,7 +117,7 @@ def _first_words(sock: socket.socket, endpoint: Endpoint, seconds: float) -> byt
 def check_controllers(
     endpoints: Mapping[Endpoint, str], heard: Mapping[Endpoint, Heard]
 ) -> Iterator[Finding]:
-    """Findings about each endpoint. `endpoints`: the drivers that use it, in words."""
+    """Yield findings about each endpoint. `endpoints`: descriptions of the drivers that use it."""
     for each, who in endpoints.items():
         make = _check_listening if each.listens else _check_server
         yield make(each, who, heard[each])
@@ -203,7 +205,7 @@ def _resolved(host: str) -> str:
 
 
 class Controllers(Check):
-    """The files' controllers: those that serve are connected to, those that send listened to."""
+    """Controllers of the files: connects to those that serve, listens to those that send."""
 
     group = GROUP
     tells = (

@@ -1,4 +1,4 @@
-"""Checks of the daemon: whether it runs, and failures of its units."""
+"""Checks of the daemon: state, and failures of its units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GROUP = "daemon"
 
 
 def check_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
-    """Findings about the daemon's sessions and servers. `rows`: as `cardan daemon ps` has them."""
+    """Yield findings about the daemon's sessions and servers. `rows`: of `cardan daemon ps`."""
     for row in rows:
         who = f"{row['kind']} {row['name']}"
         reason = f": {row['reason']}" if row["reason"] else ""
@@ -38,7 +38,7 @@ def check_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
 
 
 def check_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
-    """Findings of a daemon that does not answer. `services`: units of it that are installed."""
+    """Return the finding for a daemon that does not answer. `services`: its installed units."""
     if services:
         systemctl = " ".join(services[0].systemctl)
         return failure(
@@ -53,7 +53,7 @@ def check_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
 
 
 def check_unit(service: SystemdUnit) -> Finding:
-    """Finding of a unit that starts the daemon by its old name."""
+    """Return the finding for a unit that starts the daemon by its old name."""
     install = (
         "cardan daemon service install"
         if service.user
@@ -68,7 +68,7 @@ def check_unit(service: SystemdUnit) -> Finding:
 
 
 class Running(Check):
-    """The daemon of this user or of this computer: whether it runs, and what failed in it."""
+    """Daemon of this user or of this computer: state and failures."""
 
     group, tells = (
         GROUP,

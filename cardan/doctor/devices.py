@@ -1,4 +1,4 @@
-"""Checks of operator devices: whether they can be opened, and other programs that have them."""
+"""Checks of operator devices: permission to open them, and other programs that hold them."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ INSTALL_RULES: Final = (
 )
 
 THREE_D_DRIVERS: Final = frozenset({"spacemouse", "spacemouse_serial"})
-"""Drivers whose devices spacenavd takes for itself; the second is a plug-in's."""
+"""Drivers whose devices spacenavd opens exclusively; the second is a plug-in's."""
 
 
 def check_devices(found: Sequence[FoundDevice], wanted: Iterable[Used]) -> Iterator[Finding]:
-    """Whether plugged-in devices can be opened. `wanted`: the devices of the files."""
+    """Check that plugged-in devices can be opened. `wanted`: the devices of the files."""
     use = {each.name: each for each in wanted if each.key == "device"}
     for device in found:
         where = f" at {device.path}" if device.path else ""
@@ -66,7 +66,7 @@ def _mend(obstacle: str) -> str:
 def check_paths(
     wanted: Iterable[tuple[str, str]], exists: Mapping[str, bool], writable: Mapping[str, bool]
 ) -> Iterator[Finding]:
-    """Whether device nodes that files name are there. `wanted`: session and path of each."""
+    """Check that device nodes named by files exist. `wanted`: session and path of each."""
     for session, path in wanted:
         if not exists[path]:
             yield failure(
@@ -87,7 +87,7 @@ def check_paths(
 
 
 def check_rules(installed: Mapping[str, str], wanted: str) -> Finding:
-    """Whether the udev rules are there. `installed`: contents of rule files by path."""
+    """Check that the udev rules are installed. `installed`: contents of rule files by path."""
     lines = [each for each in wanted.splitlines() if each and not each.startswith("#")]
     if not lines:
         return good("udev", "no driver needs a udev rule")
@@ -107,8 +107,8 @@ def check_rules(installed: Mapping[str, str], wanted: str) -> Finding:
 
 
 def check_spacenavd(pids: Sequence[int], found: Iterable[str], wanted: Iterable[str]) -> Finding:
-    """Whether spacenavd takes a SpaceMouse away. `found` and `wanted`: the drivers of plugged-in
-    devices, and of the files."""
+    """Check that spacenavd does not hold a SpaceMouse. `found` and `wanted`: the drivers of
+    plugged-in devices, and of the files."""
     if not pids:
         return good("spacenavd", "spacenavd does not run")
     what = f"spacenavd runs (pid {pids[0]})"
@@ -122,7 +122,7 @@ def check_spacenavd(pids: Sequence[int], found: Iterable[str], wanted: Iterable[
 
 
 def check_holders(held: Mapping[str, Holder]) -> Iterator[Finding]:
-    """Which programs have device nodes open, by the nodes' paths."""
+    """Report programs that have device nodes open, by the nodes' paths."""
     for path, holder in held.items():
         if holder.is_ours:
             yield good("holder", f"{path} is read by Cardan: {holder}")
@@ -136,7 +136,7 @@ def check_holders(held: Mapping[str, Holder]) -> Iterator[Finding]:
 
 
 class PluggedIn(Check):
-    """The devices that are plugged in, and the nodes that files name."""
+    """Plugged-in devices, and the nodes that files name."""
 
     group, tells = GROUP, ("device", "node")
 
@@ -151,13 +151,13 @@ class PluggedIn(Check):
 
 
 def _nodes(used: Used) -> list[str]:
-    """The device nodes that a driver's options name."""
+    """Return the device nodes in a driver's options."""
     path = getattr(used.driver.options, "path", None)
     return [path] if isinstance(path, str) and path.startswith("/dev/") else []
 
 
 class UdevRules(Check):
-    """The udev rules by which the user at the console may open devices."""
+    """Udev rules that let the user at the console open devices."""
 
     group, tells = GROUP, ("udev",)
 

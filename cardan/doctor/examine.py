@@ -21,14 +21,14 @@ from cardan.doctor.installation import EXTRAS, installed_version, own_requiremen
 from cardan.drivers.access import USB_DEVICES
 
 SHORTEST_SECRET: Final = 2
-"""A shorter one, found as a word of its own, tells nothing of anybody."""
+"""Shortest text that is masked: a shorter one identifies nobody."""
 
 _HARDWARE_ADDRESS = re.compile(r"\b(?:[0-9A-Fa-f]{2}[:-]){5}[0-9A-Fa-f]{2}\b")
 _BY_ID = re.compile(r"/dev/(?:serial|input)/by-id/\S+")
 
 
 class Examined(NamedTuple):
-    """A finding, and where it stands."""
+    """Finding with its group."""
 
     group: str
     finding: Finding
@@ -37,7 +37,7 @@ class Examined(NamedTuple):
 def examine(
     subject: Subject, checks: Mapping[str, type[Check]] | None = None
 ) -> Iterator[Examined]:
-    """The findings of all checks, group after group. A check that itself fails is a finding."""
+    """Yield the findings of all checks, group by group. An error in a check is a finding."""
     if checks is None:
         loaded = registry.load_all()
         checks = {name: loaded.classes[name] for name in registry.names() if name in loaded.classes}
@@ -55,7 +55,7 @@ def _looked(name: str, check: type[Check], subject: Subject) -> list[Finding]:
         if other := [each for each in found if not isinstance(each, Finding)]:
             raise TypeError(f"{other[0]!r:.60} is no Finding")
         return found
-    except Exception as error:  # Another package's check may raise anything.
+    except Exception as error:  # Another package's check may raise any error.
         if shortage(error):
             raise
         return [
@@ -69,7 +69,7 @@ def _looked(name: str, check: type[Check], subject: Subject) -> list[Finding]:
 
 
 def worst(found: Iterable[Examined]) -> FindingLevel:
-    """The gravest level of all."""
+    """Return the highest level of all findings."""
     levels = {each.finding.level for each in found}
     for level in (FindingLevel.FAILURE, FindingLevel.CAUTION):
         if level in levels:
@@ -78,7 +78,7 @@ def worst(found: Iterable[Examined]) -> FindingLevel:
 
 
 def as_json(found: Iterable[Examined]) -> str:
-    """All findings for a program."""
+    """Return all findings as JSON."""
     found = list(found)
     return json.dumps(
         {
@@ -94,8 +94,8 @@ def _table(each: Examined) -> dict[str, Any]:
 
 
 def report(found: Iterable[Examined], secrets: Iterable[str]) -> str:
-    """Report for an issue, as Markdown: versions and findings; nothing by which a person, a
-    computer or a device can be identified."""
+    """Return a Markdown report for an issue: versions and findings, without anything that
+    identifies a person, a computer or a device."""
     lines = ["```", f"cardan {__version__}, Python {platform.python_version()}"]
     lines.append(f"{platform.system()} {platform.release()} {platform.machine()}, {_system()}")
     wanted = {each.name for each in own_requirements() if each.extra in ("", *EXTRAS)}
@@ -125,8 +125,8 @@ def _system() -> str:
 
 
 def masked(text: str, secrets: Iterable[str]) -> str:
-    """`text` without these words, without hardware addresses, and without names of devices that
-    have their serial number in them."""
+    """Return `text` without these words, hardware addresses, and names of devices that contain
+    their serial number."""
     text = _BY_ID.sub("/dev/.../by-id/***", text)
     text = _HARDWARE_ADDRESS.sub("**:**:**:**:**:**", text)
     for each in sorted(set(secrets), key=len, reverse=True):
@@ -137,10 +137,10 @@ def masked(text: str, secrets: Iterable[str]) -> str:
 
 
 def secrets_of(subject: Subject) -> set[str]:
-    """Texts that a report must not have: this user's and this computer's name, home, and the
+    """Return the texts that a report must not contain: names of this user and computer, home, and
     serial numbers of devices that are plugged in or named by the files."""
     found = {socket.gethostname(), os.path.expanduser("~")}
-    with contextlib.suppress(KeyError, OSError):  # A user without a name.
+    with contextlib.suppress(KeyError, OSError):  # User without a name.
         found.add(getpass.getuser())
     for each in USB_DEVICES.glob("*/serial"):
         try:
@@ -150,5 +150,5 @@ def secrets_of(subject: Subject) -> set[str]:
     for used in subject.used():
         if isinstance(serial := getattr(used.driver.options, "serial", None), str):
             found.add(serial)
-    # Words that say nothing about anybody, and are needed to read a report.
+    # Words that identify nobody, and are needed to read a report.
     return found - {"", "/", "root", "/root", "localhost"}

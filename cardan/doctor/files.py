@@ -14,7 +14,7 @@ GROUP = "files"
 
 
 def read_files(paths: Sequence[Path]) -> tuple[DaemonConfig, str]:
-    """The configuration of the files, and why they cannot be used, which is empty if they can.
+    """Return the configuration of the files, and why they cannot be used (empty if they can).
 
     If a file is wrong, the configuration has the readable part of each.
     """
@@ -36,7 +36,7 @@ def read_files(paths: Sequence[Path]) -> tuple[DaemonConfig, str]:
 
 
 def _each(paths: Iterable[Path]) -> list[Path]:
-    """The files, and those in the folders."""
+    """Return the files, and those in the folders."""
     return [
         file
         for path in paths
@@ -45,7 +45,7 @@ def _each(paths: Iterable[Path]) -> list[Path]:
 
 
 class Files(Check):
-    """The given files: every key, and what drivers warn of."""
+    """Given files: every key, and warnings of drivers."""
 
     group, tells = GROUP, ("file", "caution")
 

@@ -21,7 +21,7 @@ from cardan.gateway.servers import registry as servers
 GROUP = "installation"
 
 EXTRAS: Final = ("arm", "network", "can", "record", "foxglove", "dissect", "ruckig")
-"""Extras that change what works here; the others are for developers."""
+"""Extras that change functions here; the others are for developers."""
 
 _EXTRA_OF_DRIVER: Final = {"sim_arm": "arm"}
 _EXTRA_OF_SERVER: Final = {"foxglove": "foxglove"}
@@ -39,13 +39,13 @@ class PackageRequirement(NamedTuple):
     name: str
     extras: tuple[str, ...]
     extra: str
-    """Extra of Cardan that needs it; empty: all of it."""
+    """Extra of Cardan that needs it; empty: Cardan itself."""
 
 
 def read_requirements(
     lines: Iterable[str], python: tuple[int, int] = sys.version_info[:2]
 ) -> list[PackageRequirement]:
-    """Requirements as a package's metadata has them (``Requires-Dist``) that hold for `python`."""
+    """Read requirements of a package's metadata (``Requires-Dist``) that hold for `python`."""
     found = []
     for line in lines:
         if (match := _REQUIREMENT.fullmatch(line.strip())) is None:
@@ -63,8 +63,8 @@ def read_requirements(
 def lacking(
     requirements: Iterable[PackageRequirement], extra: str, version: Callable[[str], str | None]
 ) -> list[str]:
-    """Packages missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
-    installed package, or None."""
+    """Describe the packages missing for `extra` (empty: for Cardan itself). `version` returns the
+    version of an installed package, or None."""
     requirements = list(requirements)
     missing = []
     for each in requirements:
@@ -79,7 +79,7 @@ def lacking(
 
 
 def installed_version(name: str) -> str | None:
-    """The version of an installed package; None: it is not there."""
+    """Return the version of an installed package; None if it is missing."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -87,7 +87,7 @@ def installed_version(name: str) -> str | None:
 
 
 def own_requirements() -> list[PackageRequirement]:
-    """Requirements of the installed Cardan; none if it runs from sources that never were."""
+    """Return the requirements of the installed Cardan; empty if it runs from a source tree."""
     try:
         return read_requirements(importlib.metadata.requires("cardan") or ())
     except importlib.metadata.PackageNotFoundError:
@@ -95,7 +95,7 @@ def own_requirements() -> list[PackageRequirement]:
 
 
 def needed_extras(subject: Subject) -> dict[str, str]:
-    """The extras that the files need, each with its first user."""
+    """Return the extras that the files need, each with its first user."""
     needed: dict[str, str] = {}
     for name, entry in subject.sessions.items():
         if entry.config.arm is not None:
@@ -118,7 +118,7 @@ def check_packages(
     needed: Mapping[str, str],
     version: Callable[[str], str | None],
 ) -> Iterator[Finding]:
-    """Whether all that is needed is installed. `needed`: as :func:`needed_extras` has it."""
+    """Check that all needed packages are installed. `needed`: from :func:`needed_extras`."""
     requirements = list(requirements)
     if missing := lacking(requirements, "", version):
         yield failure(
@@ -183,7 +183,7 @@ class PlugIns(Check):
 
 
 def check_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding]:
-    """Plug-ins that cannot be used. `found`: loaded classes, by the word for their kind."""
+    """Report plug-ins that cannot be used. `found`: loaded classes by the noun for their kind."""
     bad = False
     lacking: dict[str, list[str]] = {}
     for word, loaded in found:
@@ -202,7 +202,7 @@ def check_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding
             yield caution(
                 "plug-in", note, "two packages give the same name", "pip uninstall one of the two"
             )
-    for extra, names in lacking.items():  # Where the files need it, that is a failure of "extra".
+    for extra, names in lacking.items():  # If the files need it, the failure "extra" reports it.
         yield good("plug-in", f"not installed: {install_command(extra)} for {', '.join(names)}")
     if not bad:
         others = "all other" if lacking else "all"

@@ -21,8 +21,8 @@ def check_bus(
     look: Callable[[BusOptions], Discovery] = discover,
     served: Callable[[tuple[str, int]], bool] = is_served,
 ) -> Finding:
-    """Whether the bus of `who` has peers. It is joined only if there is a router, or one elsewhere:
-    a session starts that of its own computer by itself."""
+    """Check that the bus of `who` has peers. It is joined only if a router runs here or is
+    configured elsewhere: a session starts the router of its own computer."""
     options = reachable(options)
     where = options.zenoh_config or options.router or "no router"
     address = router_address(options)
@@ -48,7 +48,7 @@ def check_bus(
 def check_environment(
     environment: Mapping[str, str], buses: Mapping[BusOptions, str]
 ) -> Iterator[Finding]:
-    """Whether ROS 2 programs that are started in this shell meet the sessions of the files."""
+    """Check that ROS 2 programs started in this shell meet the sessions of the files."""
     chosen, distribution = environment.get("RMW_IMPLEMENTATION", ""), environment.get("ROS_DISTRO")
     if chosen == ZENOH or not (chosen or distribution):
         yield good(
@@ -76,7 +76,7 @@ def check_environment(
 
 
 class Bus(Check):
-    """The bus of each session: its router, and who is met there."""
+    """Bus of each session: its router and its nodes."""
 
     group, tells = GROUP, ("bus",)
 
@@ -90,7 +90,7 @@ class Bus(Check):
 
 
 class RosEnvironment(Check):
-    """The environment variables of ROS 2."""
+    """Environment variables of ROS 2."""
 
     group, tells = GROUP, ("rmw", "domain")
 

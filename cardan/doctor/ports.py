@@ -1,4 +1,4 @@
-"""Checks of ports that sessions and servers listen at: whether they are free, or who has them."""
+"""Checks of ports that sessions and servers listen at: free, or held by a program."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ GROUP = "ports"
 
 _TABLES: Final = {"tcp": ("tcp", "tcp6"), "udp": ("udp", "udp6")}
 _LISTENS: Final = "0A"
-"""State of a TCP socket that listens (linux/tcp_states.h). UDP sockets all wait for datagrams."""
+"""State of a listening TCP socket (linux/tcp_states.h). UDP sockets always accept datagrams."""
 
 
 class Wanted(NamedTuple):
-    """A port that something of the files is going to listen at."""
+    """Port that a session or server of the files will listen at."""
 
     transport: str
     host: str
@@ -41,7 +41,7 @@ class Wanted(NamedTuple):
 
 
 class Bound(NamedTuple):
-    """A socket that is bound on this computer."""
+    """Socket that is bound on this computer."""
 
     transport: str
     address: str
@@ -50,8 +50,8 @@ class Bound(NamedTuple):
 
 
 def read_bound(table: str, transport: str) -> Iterator[Bound]:
-    """The sockets of /proc/net/tcp, tcp6, udp or udp6 that wait for others; lines of another form
-    are passed over."""
+    """Yield the listening sockets of /proc/net/tcp, tcp6, udp or udp6; lines of another form are
+    skipped."""
     for line in table.splitlines()[1:]:
         words = line.split()
         try:
@@ -64,7 +64,7 @@ def read_bound(table: str, transport: str) -> Iterator[Bound]:
 
 
 def _address(text: str) -> str:
-    """An address as /proc/net has it: words of 32 bits in this computer's order."""
+    """Decode an address of /proc/net: 32-bit words in this computer's byte order."""
     data = binascii.unhexlify(text)
     words = struct.unpack(f">{len(data) // 4}I", data)
     packed = struct.pack(f"={len(words)}I", *words)
@@ -74,9 +74,9 @@ def _address(text: str) -> str:
 
 
 def collide(one: str, other: str) -> bool:
-    """Whether two sockets at these addresses cannot have the same port."""
+    """Return True if two sockets at these addresses cannot have the same port."""
     a, b = ipaddress.ip_address(one), ipaddress.ip_address(other)
-    # A socket that listens at :: has the port of IPv4, too, unless it says otherwise.
+    # A socket that listens at :: has the IPv4 port too, unless IPV6_V6ONLY is set.
     if a.is_unspecified or b.is_unspecified:
         wide, narrow = (a, b) if a.is_unspecified else (b, a)
         return wide.version == narrow.version or wide.version == 6
@@ -86,8 +86,8 @@ def collide(one: str, other: str) -> bool:
 def check_ports(
     wanted: Iterable[Wanted], bound: Iterable[Bound], held: Mapping[int, Holder]
 ) -> Iterator[Finding]:
-    """Whether each port is free. `held`: owners of the sockets, by their inodes; those of other
-    users are not known."""
+    """Check that each port is free. `held`: owners of the sockets by inode; those of other users
+    are unknown."""
     bound = list(bound)
     taken: dict[tuple[str, int], Wanted] = {}
     for each in wanted:
@@ -129,7 +129,7 @@ def check_ports(
 
 
 def wanted_ports(subject: Subject) -> Iterator[Wanted]:
-    """The ports that the files' drivers and servers listen at."""
+    """Yield the ports that the files' drivers and servers listen at."""
     for used in subject.used():
         for each in used.driver.endpoints():
             if each.listens and (host := numeric(each.host)):
@@ -145,7 +145,7 @@ def wanted_ports(subject: Subject) -> Iterator[Wanted]:
 
 
 def numeric(host: str) -> str:
-    """The address of a host's name; empty where it has none."""
+    """Return the address of a host name; empty if it has none."""
     try:
         return str(socket.getaddrinfo(host, None)[0][4][0]).partition("%")[0]
     except (OSError, UnicodeError):
@@ -153,7 +153,7 @@ def numeric(host: str) -> str:
 
 
 def bound_sockets(subject: Subject) -> list[Bound]:
-    """All sockets of this computer that wait for others."""
+    """Return all listening sockets of this computer."""
     return [
         each
         for transport, tables in _TABLES.items()
@@ -163,7 +163,7 @@ def bound_sockets(subject: Subject) -> list[Bound]:
 
 
 class Ports(Check):
-    """The ports of the files' robots and servers."""
+    """Ports of the files' robots and servers."""
 
     group, tells = GROUP, ("port", "port-twice")
 

@@ -1,4 +1,4 @@
-"""Open files and sockets of processes, by /proc."""
+"""Open files and sockets of processes, read from /proc."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ _WORDS_SHOWN = 80
 
 
 class Holder(NamedTuple):
-    """A process that has something open."""
+    """Process that has a file or socket open."""
 
     pid: int
     command: str
     """Its command line, shortened."""
     is_ours: bool
-    """Whether it belongs to a command of Cardan."""
+    """True if it belongs to a command of Cardan."""
 
     def __str__(self) -> str:
         return f"{self.command} (pid {self.pid})"
 
 
 def holders(targets: Iterable[str], root: Path = Path("/")) -> dict[str, Holder]:
-    """Processes that have each of these files or sockets ("/dev/hidraw0", "socket:[4711]") open,
-    where that may be seen: a user sees their own processes, the superuser all."""
+    """Return the processes that have each of these files or sockets ("/dev/hidraw0",
+    "socket:[4711]") open. A user sees their own processes, the superuser all."""
     wanted = set(targets)
     found: dict[str, Holder] = {}
     for process in processes(root):
@@ -52,13 +52,13 @@ def holders(targets: Iterable[str], root: Path = Path("/")) -> dict[str, Holder]
 
 
 def processes(root: Path) -> Iterator[Path]:
-    """The folders of all processes."""
+    """Yield the folders of all processes."""
     with contextlib.suppress(OSError):
         yield from (each for each in (root / "proc").iterdir() if each.name.isdecimal())
 
 
 def named(name: str, root: Path = Path("/")) -> list[int]:
-    """The processes of the program `name`."""
+    """Return the processes of the program `name`."""
     return sorted(
         int(each.name) for each in processes(root) if text_or_empty(each / "comm") == name
     )
@@ -73,7 +73,7 @@ def _holder(process: Path) -> Holder:
 
 
 def _is_ours(process: Path) -> bool:
-    """Whether a process, or one that has started it, is the command of Cardan."""
+    """Return True if a process or one of its ancestors is the command of Cardan."""
     for _ in range(_MOST_ANCESTORS):
         words = _words(process)
         if any(os.path.basename(word) == "cardan" for word in words[:3]):

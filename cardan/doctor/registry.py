@@ -27,8 +27,8 @@ BUILT_IN = {
     "controllers": f"{_HERE}.controllers:Controllers",
     "daemon": f"{_HERE}.daemon:Running",
 }
-"""Our own checks, in the order in which they are shown. Other packages add theirs by an entry point
-of the same form."""
+"""Built-in checks, in the order in which they are shown. Other packages add checks by an entry
+point of the same form."""
 
 
 FINDER: Finder[Check] = Finder(
@@ -41,5 +41,5 @@ load, load_all, using = FINDER.load, FINDER.load_all, FINDER.using
 
 
 def names() -> tuple[str, ...]:
-    """Every name of a check that can be loaded: ours in their order, then the others."""
+    """Return all names of checks that can be loaded: built-in ones in order, then the others."""
     return (*BUILT_IN, *(name for name in FINDER.names() if name not in BUILT_IN))

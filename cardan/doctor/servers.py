@@ -39,8 +39,8 @@ _MAKE_ONE: Final = (
 def check_certificate(
     who: str, found: Certificate, names: Sequence[str], now: datetime.datetime
 ) -> Iterator[Finding]:
-    """Whether a server's certificate is valid, for long enough, and for a name that the computer
-    has."""
+    """Check that a server's certificate is valid, for long enough, and for a name of this
+    computer."""
     make = _MAKE_ONE.format(name=names[0])
     subject_words = f"{who}: its certificate"
     why = "browsers refuse the connection"
@@ -72,7 +72,7 @@ def check_certificate(
 
 
 def _is_for(pattern: str, name: str) -> bool:
-    """Whether a certificate's name is that of a host; ``*`` stands for one part."""
+    """Match a certificate's name with a host's; ``*`` stands for one label."""
     pattern, name = pattern.lower(), name.lower()
     if pattern.startswith("*."):
         return name.partition(".")[2] == pattern[2:]
@@ -80,7 +80,7 @@ def _is_for(pattern: str, name: str) -> bool:
 
 
 def web_options(entry: ServerEntry) -> WebOptions:
-    """How clients reach a server, as its words have it. Raises ConfigurationError."""
+    """Return the web options of a server from its words. Raises ConfigurationError."""
     words = entry.words
     kind = ConsoleOptions if entry.server == "console" else WebOptions
     return kind(
@@ -96,8 +96,7 @@ def web_options(entry: ServerEntry) -> WebOptions:
 def check_access(
     name: str, entry: ServerEntry, own: str, now: datetime.datetime
 ) -> Iterator[Finding]:
-    """Findings on whether a server can start and its clients can reach it. `own`: this computer's
-    name."""
+    """Check that a server can start and its clients can reach it. `own`: this computer's name."""
     who = f"server {name}"
     try:
         options = web_options(entry)
@@ -139,7 +138,7 @@ def check_access(
 
 
 class ServerAccess(Check):
-    """Servers with clients: who may reach them, by which token and certificate."""
+    """Servers with clients: access, tokens and certificates."""
 
     group, tells = GROUP, ("server", "clear", "certificate", "certificate-name")
 

@@ -20,10 +20,10 @@ HAPTIC_PRIORITY: Final = 99
 
 CAP_SYS_NICE: Final = 23
 CAP_IPC_LOCK: Final = 14
-"""Numbers of the capabilities by which a process needs no limit (linux/capability.h)."""
+"""Capabilities that lift the limits (linux/capability.h)."""
 
 MOST_LOAD: Final = 1.0
-"""Processes that want to run, per processor, beyond which some of them wait."""
+"""Runnable processes per processor beyond which some of them wait."""
 
 SLOW_GOVERNORS: Final = frozenset({"powersave", "conservative"})
 GOOD_CLOCKS: Final = frozenset(
@@ -36,19 +36,19 @@ GOOD_CLOCKS: Final = frozenset(
         "riscv_clocksource",
     }
 )
-"""Clocks that are read without entering the kernel, or nearly."""
+"""Clocks that are read without a system call, or nearly."""
 
 UNLIMITED: Final = -1
 
 
 def has_capability(status: str, number: int) -> bool:
-    """Whether a process has a capability, by its /proc/PID/status."""
+    """Read from /proc/PID/status whether a process has a capability."""
     found = re.search(r"^CapEff:\s*([0-9a-f]+)$", status, re.MULTILINE)
     return found is not None and bool(int(found[1], 16) >> number & 1)
 
 
 def check_scheduling(limit: int, capable: bool, haptic: bool) -> Finding:
-    """Whether sessions may have real-time scheduling. `limit`: RLIMIT_RTPRIO."""
+    """Check that sessions may use real-time scheduling. `limit`: RLIMIT_RTPRIO."""
     need = HAPTIC_PRIORITY if haptic else FIFO_PRIORITY
     if capable or limit == UNLIMITED or limit >= need:
         allowed = "without a limit" if capable or limit == UNLIMITED else f"up to priority {limit}"
@@ -64,7 +64,7 @@ def check_scheduling(limit: int, capable: bool, haptic: bool) -> Finding:
 
 
 def check_memory_lock(limit: int, capable: bool, haptic: bool) -> Finding:
-    """Whether libraries may lock memory. `limit`: RLIMIT_MEMLOCK, bytes."""
+    """Check that libraries may lock memory. `limit`: RLIMIT_MEMLOCK, bytes."""
     enough = 64 << 20
     if capable or limit == UNLIMITED or limit >= enough or not haptic:
         amount = "unlimited" if capable or limit == UNLIMITED else f"{limit / 2**20:.0f} MiB"
@@ -79,7 +79,7 @@ def check_memory_lock(limit: int, capable: bool, haptic: bool) -> Finding:
 
 
 def check_governors(governors: Mapping[str, str]) -> Finding:
-    """Whether processors keep their speed. `governors`: by processor; empty: there are none."""
+    """Check that processors keep their clock rate. `governors`: by processor, or empty."""
     kinds = sorted(set(governors.values()))
     if not kinds:
         return good("governor", "the system does not change the processors' frequency")
@@ -95,7 +95,7 @@ def check_governors(governors: Mapping[str, str]) -> Finding:
 
 
 def check_clock(name: str, available: str) -> Finding:
-    """Whether reading the clock is quick. `available`: the names of all, with spaces between."""
+    """Check that reading the clock is quick. `available`: the names of all, separated by spaces."""
     if not name or name in GOOD_CLOCKS:
         return good("clock", f"clock source {name or 'unknown'}")
     better = next((each for each in available.split() if each in GOOD_CLOCKS), "")
@@ -111,7 +111,7 @@ def check_clock(name: str, available: str) -> Finding:
 
 
 def check_load(load: float, processors: int) -> Finding:
-    """Whether the computer has time. `load`: the mean of the last minute."""
+    """Check that the computer is not overloaded. `load`: the mean of the last minute."""
     what = f"load {load:.1f} on {processors} processor{'s' * (processors != 1)}"
     if load <= MOST_LOAD * processors:
         return good("load", what)
@@ -128,7 +128,7 @@ def _is_haptic(subject: Subject) -> bool:
 
 
 def _limit(name: str) -> int:
-    """A limit of this process; UNLIMITED where the system has none."""
+    """Return a limit of this process; UNLIMITED if the system has none."""
     try:
         import resource
     except ImportError:  # Not on Windows.
@@ -140,7 +140,7 @@ def _limit(name: str) -> int:
 
 
 class Scheduling(Check):
-    """Whether the user may have real-time scheduling."""
+    """Permission to use real-time scheduling."""
 
     group, tells = GROUP, ("real-time",)
 
@@ -151,7 +151,7 @@ class Scheduling(Check):
 
 
 class MemoryLock(Check):
-    """How much memory the user may keep from being swapped out."""
+    """Memory that the user may lock against swapping."""
 
     group, tells = GROUP, ("memory-lock",)
 
@@ -175,7 +175,7 @@ class Governor(Check):
 
 
 class Clock(Check):
-    """Which clock the kernel reads."""
+    """Clock source of the kernel."""
 
     group, tells = GROUP, ("clock",)
 
@@ -187,7 +187,7 @@ class Clock(Check):
 
 
 class Load(Check):
-    """How much the computer has to do."""
+    """Load of the computer."""
 
     group, tells = GROUP, ("load",)
 

@@ -22,15 +22,15 @@ _OLD_LIBUSB_PATH = re.compile(r"(?P<bus>[0-9a-f]{4}):(?P<device>[0-9a-f]{4}):[0-
 
 
 def is_path(given: str, path: str) -> bool:
-    """Whether `given` is the device's `path`, or a link of udev to it; empty: any device is."""
+    """True if `given` is the device's `path`, a udev link to it, or empty (any device)."""
     return given in ("", path) or os.path.realpath(given) == os.path.realpath(path)
 
 
 def obstacle(path: str, *, hint: str = UDEV_HINT, root: Path = Path("/")) -> str:
     """Return why the device at `path` (of the HID back end) cannot be opened; empty if it can.
 
-    Tries its node, since the HID library gives no reasons. `hint` is how to get the permission;
-    `root` is where /dev and /sys are.
+    Opens its node, since the HID library gives no reasons. `hint` tells how to get the permission;
+    `root` is the parent folder of /dev and /sys.
     """
     if not sys.platform.startswith("linux"):
         return ""
@@ -45,7 +45,7 @@ def obstacle(path: str, *, hint: str = UDEV_HINT, root: Path = Path("/")) -> str
 
 
 def open_error(node: str, error: OSError, hint: str = UDEV_HINT) -> str:
-    """Explain why opening `node` failed; `hint` says how to get the permission."""
+    """Explain why opening `node` failed; `hint` tells how to get the permission."""
     if error.errno in (errno.EACCES, errno.EPERM):
         return f"no permission for {node}: {hint}"
     if error.errno == errno.EBUSY:
@@ -68,16 +68,17 @@ def refusal(path: str, error: object) -> str:
 
 
 def such(options: object, *names: str) -> str:
-    """The options among `names` that are set, as " with path 'x'"; empty: none is."""
+    """Describe the options among `names` that are set, such as " with path 'x'"; empty if none
+    is."""
     wanted = [f"{name} {value!r}" for name in names if (value := getattr(options, name))]
     return f" with {' and '.join(wanted)}" if wanted else ""
 
 
 class UsbDevice(NamedTuple):
-    """A device on this machine's USB."""
+    """A USB device of this computer."""
 
     vendor_id: str
-    """Four hexadecimal digits, as the product's."""
+    """Vendor number in four hexadecimal digits; likewise the product number."""
     product_id: str
     name: str
     """Product name that it reports; may be empty."""

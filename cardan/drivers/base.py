@@ -32,14 +32,14 @@ from cardan.types import (
 )
 
 RECHECK_S = 0.1
-"""Period at which a waiting reader checks for a new state without being notified: silence that
-makes a state stale notifies no reader, and the device's thread may hang."""
+"""Period of checking for a new state without a notification, s: no reader is notified when silence
+makes a state stale, or when the device's thread hangs."""
 
 
 RawPacketCallback = Callable[[bytes, bool, str], None]
-"""Is given raw bytes as they are exchanged: what was received or, where the second argument is
-True, sent; and by which of several connections, empty where there is one. Called in the thread that
-exchanges them: it must not block and not raise."""
+"""Recorder of raw bytes, called with the bytes, True if they were sent (False: received), and the
+name of the connection ("" for the only one). It runs in the thread that exchanges them: it must
+neither block nor raise."""
 
 
 class Endpoint(NamedTuple):
@@ -49,32 +49,31 @@ class Endpoint(NamedTuple):
     host: str
     port: int
     listens: bool = False
-    """Whether the driver waits here for the other side, which sends first; else it connects to
-    it."""
+    """True: the driver listens, and the other side sends first; False: the driver connects."""
     peer: str | None = None
-    """The only computer that it listens to; None: any."""
+    """The only address that it accepts; None: any."""
     request: bytes = b""
-    """Request to a server that speaks only when asked."""
+    """Request to a server that sends only when asked."""
     speaks: Callable[[bytes], bool | None] | None = None
-    """Whether a datagram, or a server's first words, are of the protocol; it says None where more
-    is needed. Without it they are not waited for, and not judged."""
+    """Checks whether a datagram, or a server's first bytes, are of the protocol; None: more bytes
+    are needed. Without it nothing is awaited or judged."""
 
 
 class Driver(ABC):
     """Base of operator devices and robots: options, open, close, diagnosis."""
 
     Options: ClassVar[type[Any]]
-    """A frozen dataclass with a default for every field; the configuration file's table of this
-    driver is checked against it. It raises OptionError for a bad value, as
-    :class:`cardan.common.options.Options` does by the annotations."""
+    """Frozen dataclass with a default for every field, which validates the driver's table in the
+    configuration file. It raises OptionError for a bad value;
+    :class:`cardan.common.options.Options` does so by the annotations."""
     summary: ClassVar[str] = ""
-    """Short name of the hardware that it drives; lists and tables begin with it."""
+    """Short name of its hardware, for lists and tables."""
     page: ClassVar[str] = ""
-    """Its documentation: a page as seen from Cardan's docs/, or a URL."""
+    """Its documentation: a page relative to Cardan's docs/, or a URL."""
     peer: ClassVar[str] = ""
-    """The simulated peer that stands in for the hardware: ``cardan sim PEER``."""
+    """Simulated peer for the hardware: ``cardan sim PEER``."""
     raw_packet_callback: RawPacketCallback | None = None
-    """Recorder of the raw bytes that are exchanged; set and taken off at any time."""
+    """Recorder of the exchanged raw bytes; may be set and removed at any time."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         """Takes an `Options` object, or its fields as keywords.
@@ -85,7 +84,7 @@ class Driver(ABC):
 
     @classmethod
     def make_options(cls, options: Any, keywords: Mapping[str, Any]) -> Any:
-        """`options`, or, where that is None, `Options` made of `keywords`."""
+        """Return `options` or, if None, `Options` made of `keywords`."""
         kind = cls.Options.__name__
         if options is not None:
             if not isinstance(options, cls.Options):
@@ -122,26 +121,26 @@ class Driver(ABC):
 
     @abstractmethod
     def diagnosis(self) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
+        """Return problems and other warnings, worst first."""
 
     def cautions(self) -> tuple[str, ...]:
-        """Warnings about risky options; each names the option and says what to do instead. `cardan
-        check` and `cardan run` print them. Open or not."""
+        """Return warnings about risky options, open or not; each names the option and its remedy.
+        `cardan check` and `cardan run` print them."""
         return ()
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """Addresses on which it listens or to which it connects, by its options; `cardan doctor`
-        checks them. Omits those that one more connection, closed again after `request` at most,
-        would disturb. Open or not."""
+        """Return addresses on which it listens or to which it connects, by its options, open or
+        not. `cardan doctor` checks them with one more connection, closed after `request` at most;
+        addresses that this would disturb are omitted."""
         return ()
 
     def metrics(self) -> dict[str, float]:
-        """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
+        """Return live figures by name; times in s, ratios in 0..1, counts as integers."""
         return {}
 
     def protocol_errors(self) -> Mapping[str, int]:
-        """Messages of the device or robot that could not be used, counted by kind since the driver
-        was made: "malformed", "implausible" and the like, few words that never change."""
+        """Return counts of unusable messages since the driver was made, by kind: "malformed",
+        "implausible" and the like, a few stable names."""
         return {}
 
 
@@ -161,25 +160,25 @@ class FoundDevice(NamedTuple):
 
 
 class OperatorDevice(Driver):
-    """A hand-held device. It reads itself (usually in a thread of its own).
+    """A hand-held device, usually read by a thread of its own.
 
-    `state()` gives the newest state at once, `read()` waits for a new one, ``for state in device``
-    does so until the device is closed, and `on_state()` has a function called. A consumer slower
-    than the device gets the newest state and misses some; `button_events()` has every edge.
+    `state()` returns the newest state at once, `read()` waits for a new one, ``for state in
+    device`` does so until the device is closed, and `on_state()` calls a function. A consumer
+    slower than the device gets the newest state and misses some; `button_events()` has every edge.
     """
 
-    # Set on the class: a driver with an __init__ of its own may not call ours.
+    # Set on the class: a subclass's __init__ may not call ours.
     _notified = 0
     """Counts calls of _notify()."""
     _close_count = 0
-    """Counted by drivers that may be opened again: reads that waited end then."""
+    """Count of closings, for drivers that can be reopened: pending reads end then."""
     _in_child = False
-    """Whether it was open in the process that this one was forked from."""
+    """True if it was open in the parent process at a fork."""
     _reading: _StateReader | None = None
 
     @cached_property
     def _changed(self) -> threading.Condition:
-        # Threads that ask first at the same time all get the same one.
+        # Threads that call this first at the same time all get the same one.
         changed: threading.Condition = vars(self).setdefault("_changed", threading.Condition())
         return changed
 
@@ -188,14 +187,14 @@ class OperatorDevice(Driver):
     takes_back: ClassVar[str] = ""
     """Its feedback to the operator (light, rumble, force); empty: none."""
     suits: ClassVar[str] = ""
-    """The `mapping` of a session that suits it: mode and frame."""
+    """`mapping` of a session that suits it: mode and frame."""
     udev_matches: ClassVar[Sequence[str]] = ()
     """Match keys of its device nodes in udev rules: ``cardan devices udev`` grants the user at the
-    console access to these. A line that begins with # is a comment."""
+    console access to them. Lines beginning with # are comments."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """Devices of this kind that are plugged in. Keeps none open; never raises."""
+        """Return devices of this kind that are plugged in. Keeps none open; never raises."""
         return []
 
     @property
@@ -205,15 +204,14 @@ class OperatorDevice(Driver):
 
     @abstractmethod
     def state(self) -> DeviceState:
-        """The newest state. Never blocks, never raises; `link` says when it is stale."""
+        """Return the newest state. Never blocks, never raises; `link` tells whether it is stale."""
 
     def read(self, timeout_s: float | None = None) -> DeviceState | None:
-        """Wait for a state that read() has not returned yet, `timeout_s` at most (None: no limit).
+        """Wait for a state that read() has not returned yet, at most `timeout_s` (None: no limit).
 
-        Returns None where none came, or the device was closed meanwhile. The loss of a device is a
-        state, too: look at `link`. For one consumer; others iterate or have on_state().
-
-        Raises NotOpenError, and OptionError for an invalid time.
+        Returns None if none came or the device was closed. A lost device is also reported as a
+        state: check `link`. For one consumer; others iterate or use on_state(). Raises
+        NotOpenError, and OptionError for an invalid time.
         """
         good = isinstance(timeout_s, (int, float)) and not isinstance(timeout_s, bool)
         require(
@@ -227,20 +225,20 @@ class OperatorDevice(Driver):
         return self._reading.next(timeout_s)
 
     def __iter__(self) -> Iterator[DeviceState]:
-        """The state now and each new one, until the device is closed. Raises NotOpenError."""
+        """Yield the present state and each new one, until the device is closed. Raises
+        NotOpenError."""
         reader = _StateReader(self)
         while (state := reader.next()) is not None:
             yield state
 
     def on_state(self, callback: Callable[[DeviceState], object]) -> Callable[[], None]:
-        """Have `callback` called with the state now and each new one, until the device is closed.
+        """Call `callback` with the present state and each new one, until the device is closed.
 
-        The calls come one after the other from a thread of their own: a slow callback misses
-        states, and holds up neither the device nor other callbacks. An exception ends the calls and
-        goes to `threading.excepthook`, which prints it; the device goes on. The function that is
-        returned ends the calls, too, and waits for one that is under way.
-
-        Raises NotOpenError, and OptionError for what cannot be called.
+        A thread of its own makes the calls in sequence: a slow callback misses states, and delays
+        neither the device nor other callbacks. An exception ends the calls and goes to
+        `threading.excepthook`, which prints it; the device continues. The returned function ends
+        the calls, too, and waits for a running one. Raises NotOpenError, and OptionError if
+        `callback` is not callable.
         """
         require(callable(callback), "callback", callback, "a function that takes a state")
         reader = _StateReader(self)
@@ -262,18 +260,19 @@ class OperatorDevice(Driver):
         return stop
 
     def _notify(self) -> None:
-        """Wake the consumers that wait for a new state. Drivers call it after a report and after a
-        change of the link; without it changes are seen `RECHECK_S` later."""
+        """Wake the consumers that wait for a new state. Drivers call it after each report and each
+        change of the link; otherwise consumers notice after `RECHECK_S`."""
         with self._changed:
             self._notified += 1
             self._changed.notify_all()
 
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:
-        """Button edges since the last call, oldest first; none is lost. For a single consumer."""
+        """Return button edges since the last call, oldest first; none is lost. For a single
+        consumer."""
 
     def feedback(self, feedback: DeviceFeedback) -> None:
-        """Give `feedback` to the operator. Raises CommandError for a channel the device lacks."""
+        """Show `feedback` to the operator. Raises CommandError for a channel the device lacks."""
         missing = {
             name
             for name in ("led", "rumble", "wrench")
@@ -291,7 +290,7 @@ class OperatorDevice(Driver):
 
 
 class _StateReader:
-    """Reader that gives one consumer each new state of a device once. Raises NotOpenError."""
+    """Reader that passes each new state of a device once to one consumer. Raises NotOpenError."""
 
     def __init__(self, device: OperatorDevice) -> None:
         if device.state().link is DeviceLink.CLOSED:
@@ -306,11 +305,12 @@ class _StateReader:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will come."""
+        """True if no more states will come."""
         return self.stopped or self._device._close_count != self._close_count
 
     def next(self, timeout_s: float | None = None) -> DeviceState | None:
-        """The next new state; None where none comes within `timeout_s`, or none will any more."""
+        """Return the next new state; None if none comes within `timeout_s`, or none will any
+        more."""
         device = self._device
         deadline_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
         while not self.ended:
@@ -346,10 +346,10 @@ class RobotDriver(Driver):
 
     @abstractmethod
     def cycles(self) -> Iterator[RobotState]:
-        """Yield a state at each control instant; for a silent robot, states that say so.
+        """Yield a state at each control instant.
 
-        While nothing is heard, a state whose link is WAITING or LOST comes at least every
-        0.1 s, so that the loop can check its own watchdogs. Ends after close().
+        While the robot is silent, yield a state whose link is WAITING or LOST at least every 0.1 s,
+        so that the loop can check its watchdogs. Ends after close().
         """
 
     @abstractmethod
@@ -360,22 +360,21 @@ class RobotDriver(Driver):
         """
 
     def enable(self) -> None:
-        """Make the robot ready for commands: drives on, its program started. Only ever called
-        because an operator asks for it.
+        """Make the robot ready for commands: switch drives on, start its program.
 
-        Returns at once; `RobotState.hold_reason` says how it goes. Raises CommandError where that
-        is done at the robot's own controller.
+        Call it only on an operator's request. Returns at once; `RobotState.hold_reason` reports the
+        progress. Raises CommandError if this is done at the robot's own controller.
         """
         raise CommandError(f"{type(self).__name__} is made ready at the robot's own controller")
 
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
         """Set the values sent to the controller's program with every command from now on.
 
-        Raises CommandError where the robot has no such outputs.
+        Raises CommandError if the robot has no such outputs.
         """
         if digital is not None or values:
             raise CommandError(f"{type(self).__name__} has no outputs")
 
     def output_values(self) -> Sequence[float]:
-        """The values sent to the controller's program now."""
+        """Values sent to the controller's program now."""
         return ()

@@ -1,4 +1,4 @@
-"""State of a device's buttons, and all their edges, for one consumer."""
+"""State of a device's buttons, with all edges, for one consumer."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from cardan.types import ButtonEvent
 
 MAX_EVENTS = 4096
-"""Most button edges kept until they are read; beyond it the oldest are dropped and counted."""
+"""Most button edges queued; beyond it the oldest are dropped and counted."""
 
 
 class ButtonEdges:
-    """Edges by the set of buttons that are down.
+    """Button edges, computed from the set of buttons that are down.
 
-    A button that was down when the device was lost must not act when the device is back:
-    after `release_all` it counts as up until the device has reported it up.
+    A button that was down when the device was lost must not act when the device is back: after
+    `release_all` it counts as up until the device has reported it up.
     """
 
     def __init__(self) -> None:
@@ -26,23 +26,24 @@ class ButtonEdges:
         """Edges since the last call of `events`."""
 
     def set(self, labels: Sequence[str], now_s: float) -> None:
-        """`labels` are down at `now_s`, no others. Queues the edges, releases first."""
+        """Set the pressed buttons to `labels` at `now_s`. Queues the edges, releases first."""
         if self._masked:
             self._masked &= frozenset(labels)
             labels = [label for label in labels if label not in self._masked]
         self._show(labels, now_s)
 
     def mask(self, labels: Sequence[str]) -> None:
-        """Count these as up until they are reported up: they may have been down for long."""
+        """Count these as released until they are reported released: the time of their press is
+        unknown."""
         self._masked |= frozenset(labels)
 
     def release_all(self, now_s: float) -> None:
-        """Count every button as released: their state is not known any more."""
+        """Count every button as released, because their state is unknown now."""
         self._masked |= self.held
         self._show((), now_s)
 
     def events(self) -> list[ButtonEvent]:
-        """Edges since the last call, oldest first."""
+        """Return and clear the edges since the last call, oldest first."""
         events = list(self.queued)
         self.queued.clear()
         return events

@@ -21,20 +21,20 @@ from cardan.types import (
 )
 
 MOST_KINDS = 32
-"""Unusable reports are counted in so many kinds at most: a foreign one chooses its own words."""
+"""Most kinds by which unusable reports are counted: a foreign report chooses its own words."""
 
 
 class DeviceCore(ABC):
     """Interpreter of a device's reports, without any I/O. Times are monotonic, s.
 
-    A device's own core takes its reports, and has its own rules of rest and of silence. It calls
-    `_begin` when the device was opened, `_invalidate_input` or `_fall_silent` when nothing that is
-    known counts any more, and sets `_link` to LIVE when the device was seen at rest. After every
-    change it sets `_cached` to None. For values beside buttons a core overrides the methods below.
+    A device's own core processes its reports by its own rules of rest and silence. It calls
+    `_begin` when the device was opened, `_invalidate_input` or `_fall_silent` when the known state
+    has become void, and sets `_link` to LIVE when the device was seen at rest. After every change
+    it sets `_cached` to None. For values besides buttons a core overrides the methods below.
     """
 
-    # CPython keeps up to 29 attributes of an object in a fast place, and the SpaceMouse's core has
-    # as many: one more makes each of its reports take an eighth longer.
+    # CPython stores up to 29 attributes of an object in a fast place, and the SpaceMouse's core has
+    # as many: one more slows each of its reports by an eighth.
 
     _shaper: Shaper
     """Only of devices with deflections."""
@@ -47,17 +47,17 @@ class DeviceCore(ABC):
         self._open = False
         self._heard = False
         self._stamp_s = NEVER_S
-        """Time at which the current state was received."""
+        """Time before which reports of rest do not count, s."""
         self._ignore_rest_until_s = NEVER_S
         """Reports of rest before this do not count."""
         self._battery: float | None = None
-        """Charge, 0..1."""
+        """Battery charge, 0..1."""
         self._counts: Counter[str] = Counter()
         self._malformed: Counter[str] = Counter()
         """Unusable reports, by cause."""
         self._cached: DeviceState | None = None
 
-    # -- what a core has to say, and may say ---------------------------------------------------
+    # -- what a core must and may define --------------------------------------------------------
 
     @property
     @abstractmethod
@@ -70,22 +70,22 @@ class DeviceCore(ABC):
 
     @abstractmethod
     def _drop_input(self, now_s: float) -> None:
-        """Forget what is deflected and which buttons are down: it counts no more."""
+        """Discard deflections and pressed buttons, because they do not count any more."""
 
     def _axes(self, now_s: float) -> Axes:
         """The deflections while the link is LIVE."""
         return NEUTRAL
 
     def _pose(self) -> Pose | None:
-        """The operator's pose while the link is LIVE."""
+        """Pose of the operator's device while the link is LIVE."""
         return None
 
     def _wrench(self) -> Wrench | None:
-        """The measured force and torque, whatever the link."""
+        """Measured force and torque, whatever the link."""
         return None
 
     def _inertia(self, now_s: float) -> Inertia | None:
-        """Measurements of its inertial sensors, while these report."""
+        """Inertial readings while the device reports them."""
         return None
 
     def _why(self) -> str:
@@ -93,18 +93,18 @@ class DeviceCore(ABC):
         return self._reason
 
     def _notes(self, now_s: float) -> list[str]:
-        """Further warnings, worst first."""
+        """Return further warnings, worst first."""
         return []
 
     def _figures(self, now_s: float) -> dict[str, float]:
-        """Live figures by name, beside the counts."""
+        """Return live figures by name, besides the counts."""
         return {}
 
     def _tally(self) -> Mapping[str, int]:
         """The counts by the names in `_counters`."""
         return {key: self._counts[key] for key in self._counters}
 
-    # -- what happens to the device ------------------------------------------------------------
+    # -- events of the device -------------------------------------------------------------------
 
     def on_lost(self, reason: str, now_s: float) -> None:
         """Handle a missing or unreadable device: link LOST, axes zero, buttons released."""
@@ -114,15 +114,15 @@ class DeviceCore(ABC):
         """Handle a close on request: link CLOSED, axes zero, buttons released."""
         self._end(DeviceLink.CLOSED, "closed", now_s)
 
-    # -- what it says --------------------------------------------------------------------------
+    # -- reports --------------------------------------------------------------------------------
 
     @property
     def heard(self) -> bool:
-        """Whether any usable report came since the device was opened."""
+        """True once any usable report came since the device was opened."""
         return self._heard
 
     def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
+        """Return the newest state as of `now_s`."""
         self._watch(now_s)
         if self._cached is None:
             live = self._link is DeviceLink.LIVE
@@ -140,7 +140,7 @@ class DeviceCore(ABC):
         return self._cached
 
     def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
+        """Return button edges since the last call, oldest first."""
         return self._buttons.events() if self._buttons.queued else []
 
     def metrics(self, now_s: float) -> dict[str, float]:
@@ -152,11 +152,11 @@ class DeviceCore(ABC):
         }
 
     def protocol_errors(self) -> dict[str, int]:
-        """Reports that mean nothing."""
+        """Return counts of reports that could not be decoded, by kind."""
         return {"malformed": self._malformed.total()}
 
     def diagnosis(self, now_s: float) -> list[str]:
-        """Problems, and what else deserves attention, worst first."""
+        """Return problems and other warnings, worst first."""
         words = [reason] if (reason := self.state(now_s).reason) else []
         words += self._notes(now_s)
         if self._buttons.lost_edges:
@@ -169,19 +169,19 @@ class DeviceCore(ABC):
     # -- for a device's own core ---------------------------------------------------------------
 
     def _begin(self, reason: str, now_s: float) -> None:
-        """The device was opened (again): what was known of it is void."""
+        """Start after the device was opened (again): the previous state is void."""
         self._open = True
         self._heard = False
         self._battery = None
         self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
 
     def _end(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """There is no open device any more."""
+        """Record that no device is open any more."""
         self._open = False
         self._invalidate_input(link, reason, now_s)
 
     def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """Set `link`, in which no deflection and no button that was known counts any more."""
+        """Set `link`, a state in which earlier deflections and buttons are void."""
         self._link, self._reason = link, reason
         self._drop_input(now_s)
         self._buttons.release_all(now_s)
@@ -195,14 +195,14 @@ class DeviceCore(ABC):
     def _resume(self, reason: str, settle_s: float, now_s: float) -> None:
         """Resume after a silence: the device counts once it is seen at rest.
 
-        Reports in the next `settle_s` do not show that: they may be old ones that had queued up.
+        Reports in the next `settle_s` are no evidence: they may have been queued.
         """
         self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, reason
         self._ignore_rest_until_s = now_s + settle_s
         self._cached = None
 
     def _on_malformed(self, reason: str, report_id: int) -> None:
-        """A report means nothing; `report_id` is -1 where it has none."""
+        """Count a report that cannot be decoded; `report_id` is -1 if it has none."""
         of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
         what = f"reports {reason}{of_id}"
         if what not in self._malformed and len(self._malformed) >= MOST_KINDS:

@@ -1,9 +1,8 @@
 """Drivers of controllers that send their state as a datagram in each of their cycles.
 
-A :class:`DatagramSession` has the protocol, without sockets, clocks and threads; a
-:class:`DatagramRobot` around it has the loop, and a :class:`DatagramTransport` the socket. Their
-parts that do not depend on how a protocol numbers its datagrams are :class:`AnsweringSession` and
-:class:`AnswerMixin`.
+:class:`DatagramSession` implements the protocol without I/O, :class:`DatagramRobot` the loop around
+it, and :class:`DatagramTransport` the socket. :class:`AnsweringSession` and :class:`AnswerMixin`
+are their parts that do not depend on the numbering of datagrams.
 """
 
 from __future__ import annotations
@@ -35,31 +34,30 @@ from cardan.types import (
 )
 
 FLOOD_DATAGRAMS: Final = 50
-"""Excess of refused over accepted datagrams that counts as a flood, not as a bad line: garbage in
-a tenth of all cycles never reaches it, a flood does within a cycle or two. Motion is not safe
-then."""
+"""Excess of refused over accepted datagrams that counts as a flood, in which motion is unsafe.
+Garbage in a tenth of all cycles never reaches it, a flood does within a cycle or two."""
 
 BRAKE_WITHIN_S: Final = 1.0
-"""Longest time that a braking ramp is waited for: no joint takes longer from its full speed."""
+"""Longest wait for a braking ramp, s: no joint takes longer from its full speed."""
 
 _IMPLAUSIBLE: Final = "implausible"
 
 _LATE: Final = "late or double"
 _EARLIER: Final = "an earlier session"
 _OUT_OF_ORDER: Final = (_LATE, _EARLIER)
-"""The reason of states that no robot measures."""
+"""Reason of implausible states."""
 
 
 class Numbered(Protocol):
-    """A controller's datagram, decoded. Both numbers go up, and wrap at 2^32."""
+    """A controller's datagram, decoded. Both numbers rise, and wrap at 2^32."""
 
     @property
     def session(self) -> int:
-        """Changes when the controller restarts."""
+        """Number that changes when the controller restarts."""
 
     @property
     def sequence(self) -> int:
-        """Counts the datagrams of a session."""
+        """Number of the datagram in its session."""
 
 
 MessageT = TypeVar("MessageT", bound=Numbered)
@@ -70,10 +68,10 @@ def _continues(message: Numbered, before: Numbered) -> bool:
 
 
 class AnsweringSession(ABC):
-    """A session whose controller is answered, once for each of its states; sans I/O.
+    """Session with one answer to each state of the controller; sans I/O.
 
     Each received message gives a state or nothing; `tick` gives the state of a silent link. Times
-    are local monotonic ones.
+    are local monotonic.
     """
 
     capabilities: RobotCapabilities
@@ -83,16 +81,16 @@ class AnsweringSession(ABC):
         self.state: RobotState | None = None
         """Newest state."""
         self.reply_pending = False
-        """The newest state has no answer yet."""
+        """True while the newest state has no answer."""
         self.sessions = 0
-        """Number of sessions of the controller heard so far, also in each state."""
+        """Number of the controller's sessions heard so far, also in each state."""
         self._lost_after_s = lost_after_s
         self._flood = 0
         """Refused datagrams, less one for each that was accepted."""
 
     @property
     def moving(self) -> bool:
-        """Whether the last command moves the robot, so that a ramp must brake it."""
+        """True if the last command moves the robot, which then needs a braking ramp."""
         return False
 
     @abstractmethod
@@ -105,7 +103,7 @@ class AnsweringSession(ABC):
 
     @abstractmethod
     def hold(self, now_s: float) -> bytes | None:
-        """The answer to `state` where the application gives none: brake, or stay."""
+        """Return the answer to `state` if the application gave none: brake, or stay."""
 
     @abstractmethod
     def final_command(self, now_s: float) -> bytes | None:
@@ -113,47 +111,47 @@ class AnsweringSession(ABC):
 
     @abstractmethod
     def tick(self, now_s: float) -> RobotState | None:
-        """The state of a controller that is silent; None while it is not. To be called when nothing
-        came for a while."""
+        """Return the state of a silent controller; None while it is not silent. Call it when
+        nothing was received for a while."""
 
     @abstractmethod
     def silence_s(self, now_s: float) -> float:
         """Time since the newest state, s."""
 
     def lost(self, now_s: float) -> bool:
-        """True when the newest state is too old (or there is none)."""
+        """True if there is no state, or the newest is too old."""
         return self.silence_s(now_s) > self._lost_after_s
 
     def link(self, now_s: float) -> RobotLink:
-        """Whether the controller is heard."""
+        """Link to the controller by the age of the newest state."""
         if self.state is None:
             return RobotLink.WAITING
         return RobotLink.LOST if self.lost(now_s) else RobotLink.LIVE
 
     def _note_refused(self) -> None:
-        """A datagram was none of the controller's states."""
+        """Count a datagram that is none of the controller's states."""
         self._flood = min(self._flood + 1, 2 * FLOOD_DATAGRAMS)
 
     @abstractmethod
     def metrics(self) -> dict[str, float]:
-        """Live figures."""
+        """Return live figures."""
 
     @abstractmethod
     def protocol_errors(self) -> dict[str, int]:
-        """Datagrams that could not be used, by kind."""
+        """Return counts of unusable datagrams, by kind."""
 
     @abstractmethod
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Problems, worst first."""
+        """Return problems, worst first."""
 
 
 class DatagramSession(AnsweringSession, Generic[MessageT]):
     """Connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
-    A newer session of the controller voids earlier commands; an older one, or a lower sequence
-    number in the same, is ignored unless the link is lost: then it is a new session, too. A
-    position jump, by any sender, is implausible: the arm is held with that reason while such states
-    come, and the next state within its reach begins a new session. Times are local monotonic ones.
+    A newer session of the controller voids earlier commands. An older one, or a lower sequence
+    number in the same, is ignored, unless the link is lost: then it begins a new session, too. A
+    position jump by any sender is implausible: the arm is held for that reason while such states
+    come, and the next reachable state begins a new session. Times are local monotonic.
     """
 
     controller: ClassVar[str]
@@ -167,56 +165,57 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         lost_after_s: float,
         clock: AgreedTime | None = None,
     ) -> None:
-        """As AnsweringSession. `clock`: one that has options of its own."""
+        """Initialize as AnsweringSession. `clock`: a ClockWatch with other options."""
         super().__init__(lost_after_s)
         self.capabilities = capabilities
         self.ignored: Counter[str] = Counter()
         """Datagrams without effect, by reason."""
         self.last_implausible = ""
-        """Implausible value in the last state that was ignored for it."""
+        """Implausible value that caused the last state to be ignored."""
         self.accepted = 0
         self.message: MessageT | None = None
         """Message from which `state` was made."""
         self._heard_s = NEVER_S
         self._skipped = 0
         self._jumped_s = NEVER_S
-        """Time of the last message out of the arm's reach."""
+        """Time of the last message with a position jump, s."""
         lower, upper, self._fastest, _ = capabilities.limits or JointLimits((), (), (), ())
         self._continuous = [
             low == -math.inf and high == math.inf for low, high in zip(lower, upper, strict=True)
         ]
         self.clock = AgreedTime(capabilities.period_s) if clock is None else clock
-        """Time between states, by the controller's clock, where they tell it, and ours."""
+        """Time between states by the controller's clock, if they have its time, and ours."""
 
-    # -- what a protocol gives ------------------------------------------------------------------
+    # -- defined by the protocol ----------------------------------------------------------------
 
     @abstractmethod
     def _decode(self, data: Any, now_s: float) -> MessageT | str | None:
-        """Return the controller's message, or why `data` (bytes, or the transport's value),
-        received at `now_s`, is not one; None for a foreign message, which is no error."""
+        """Decode `data` (bytes, or the transport's value) received at `now_s` to the controller's
+        message; return a reason if it is invalid, None if it is a foreign message, which is no
+        error."""
 
     @abstractmethod
     def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
-        """The state, stamped `now_s`, its session `sessions`; `before` is the message before it in
-        the same session. Changes nothing: a state that no robot measures is ignored. `period_s` is
-        what it is by the controller's word, and becomes what our clock agrees with."""
+        """Make the state, stamped `now_s`, of session `sessions`; `before` is the previous message
+        of the same session. Must not change anything: implausible states are ignored. Its
+        `period_s` is by the controller's clock, and is later checked against ours."""
 
     def _joint_name(self, index: int) -> str:
         """Name of a joint for messages."""
         return f"joint {index + 1}"
 
     def _time_s(self, message: MessageT) -> float | None:
-        """Time at which the controller sent `message`, by its clock; None: it does not tell."""
+        """Time at which the controller sent `message`, by its clock, s; None if it has none."""
         return None
 
     @abstractmethod
     def _begin(self, message: MessageT) -> None:
-        """A session of the controller begins with `message`, or it takes no commands now
-        (`hold_reason`): forget what was commanded."""
+        """Discard earlier commands: a session begins with `message`, or the controller takes no
+        commands now (`hold_reason`)."""
 
     @abstractmethod
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
-        """The answer to `state`; None before any. Raises CommandError as `check` does."""
+        """Return the answer to `state`; None before any. Raises CommandError as `check` does."""
 
     def hold(self, now_s: float) -> bytes | None:
         return self.command(HoldCommand(), now_s)
@@ -276,10 +275,10 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return state
 
     def _jump(self, state: RobotState, message: MessageT) -> str:
-        """Explain a position jump since the last measurement; empty: the step is possible.
+        """Explain a position jump since the last measurement; empty if the step is possible.
 
-        Repeating an implausible position makes it no likelier: time counts from the last such
-        state, unless the controller has restarted since.
+        A repeated implausible position stays implausible: time counts from the last such state,
+        unless the controller has restarted since.
         """
         before = self.state
         if before is None or self.message is None:
@@ -287,7 +286,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         since_s = self._heard_s
         if message.session == self.message.session:
             since_s = max(since_s, self._jumped_s)
-        # By our clock or the controller's, the longer: what waited in a queue was measured earlier.
+        # By our clock or the controller's, the longer: queued messages were measured earlier.
         time_s = max(state.stamp_s - since_s, min(state.period_s, self._lost_after_s))
         found = jump(state.joints, before.joints, self._fastest, self._continuous, time_s)
         if found is None:
@@ -301,7 +300,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         )
 
     def _held(self, why: str, now_s: float) -> RobotState | None:
-        """The newest state again, held for `why`."""
+        """Return the newest state again, held for `why`."""
         if self.state is None or self.message is None:
             return None
         if self._jumped_s <= self._heard_s:
@@ -314,7 +313,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return self.state
 
     def _agreed(self, state: RobotState, message: MessageT, before: MessageT | None) -> RobotState:
-        """`state` with the period that both clocks agree on; held where they have parted."""
+        """Return `state` with the period that both clocks agree on; held if they have diverged."""
         clock, clock_s = self.clock, self._time_s(message)
         if before is None:
             clock.begin(math.nan if clock_s is None else clock_s, state.stamp_s)
@@ -333,11 +332,10 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         self._note_refused()
 
     def silence_s(self, now_s: float) -> float:
-        """Time since the newest state, s; infinite before the first."""
         return now_s - self._heard_s
 
     def late(self, now_s: float) -> bool:
-        """True when a newer state than the newest should be there."""
+        """True if a newer state than the newest is due."""
         return now_s - self._heard_s > self.capabilities.period_s
 
     def tick(self, now_s: float) -> RobotState | None:
@@ -361,7 +359,6 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
     # -- diagnosis ------------------------------------------------------------------------------
 
     def metrics(self) -> dict[str, float]:
-        """Counts so far."""
         return {
             "states": float(self.accepted),
             "lost": float(self._skipped),
@@ -370,7 +367,6 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         }
 
     def protocol_errors(self) -> dict[str, int]:
-        """Datagrams ignored: out of their order, no plausible state, or none of the protocol."""
         ignored = self.ignored
         found = {"order": sum(ignored[why] for why in _OUT_OF_ORDER)}
         found["implausible"] = ignored[_IMPLAUSIBLE]
@@ -378,7 +374,6 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return found
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Problems, worst first."""
         found = []
         if self.state is None:
             advice = f"; {self.advice}" if self.advice else ""
@@ -397,26 +392,27 @@ class DatagramTransport(Protocol):
     """A driver's connection to its controller."""
 
     def now(self) -> float:
-        """The time of the stamps."""
+        """Return the time of the stamps, s."""
 
     def send(self, data: bytes) -> None:
-        """Never raises."""
+        """Send a message. Never raises."""
 
     def wait(self) -> Sequence[Any]:
-        """Messages up to the next control instant, oldest first; empty at least every WAKE_S."""
+        """Return messages up to the next control instant, oldest first; empty at least every
+        WAKE_S."""
 
     def waiting(self) -> Sequence[Any]:
-        """Messages received already, oldest first."""
+        """Return messages received already, oldest first."""
 
     def close(self) -> None: ...
 
 
 class UdpTransport:
-    """A controller that listens; no other sender is heard."""
+    """UDP socket to a controller that listens; other senders are ignored."""
 
     def __init__(self, host: str, port: int, problem: str, largest: int) -> None:
-        """Datagrams of up to `largest` bytes mean something. Raises an AddressError that begins
-        with `problem`."""
+        """Open the socket for datagrams of up to `largest` bytes. Raises an AddressError that
+        begins with `problem`."""
         self._socket = opened(host, port, socket.SOCK_DGRAM, socket.socket.connect, problem)
         self._largest = largest
 
@@ -424,7 +420,7 @@ class UdpTransport:
         return time.monotonic()
 
     def send(self, data: bytes) -> None:
-        # Refused while no program listens there; the driver then reports silence.
+        # Refused if no program listens there; the driver then reports silence.
         with contextlib.suppress(OSError):
             self._socket.send(data)
 
@@ -442,7 +438,7 @@ class UdpTransport:
         return found
 
     def waiting(self) -> list[bytes]:
-        # A byte more than the largest, so that an oversized datagram is recognized.
+        # One byte more than the largest, so that an oversized datagram is recognized.
         return [data for data, _ in waiting(self._socket, self._largest + 1)]
 
     def close(self) -> None:
@@ -454,18 +450,18 @@ DatagramSessionT = TypeVar("DatagramSessionT", bound=DatagramSession[Any])
 
 
 class AnswerMixin(LoopMixin[AnsweringSessionT]):
-    """The loop of a controller that is answered, once for each of its states.
+    """Loop with one answer to each state of the controller.
 
-    Of several states that came in at once the newest is yielded; one that the application does not
-    answer is answered with a hold. However the loop ends, the robot is braked for as long as its
-    session calls it moving, and the final command is sent last.
+    Of several waiting states it yields the newest; a state that the application does not answer is
+    answered with a hold. However the loop ends, it brakes the robot while the session reports
+    motion, and sends the final command last.
     """
 
     brakes_within_s: ClassVar[float] = 0.0
-    """The longest that a robot that is left is braked."""
+    """Longest duration of braking after the loop, s."""
     no_final_command_after_s: ClassVar[float] = LONGEST_BLIND_S
-    """Silence after which a controller gets no final command: it has stopped by itself, and its
-    next run is not ours to command."""
+    """Silence after which a controller gets no final command, s: it has stopped by itself, and its
+    next run must not receive one."""
 
     @abstractmethod
     def _connection(self) -> object:
@@ -473,23 +469,23 @@ class AnswerMixin(LoopMixin[AnsweringSessionT]):
 
     @abstractmethod
     def _waiting(self) -> Iterable[Any]:
-        """Messages received and not yet read, oldest first. Never blocks."""
+        """Return messages received and not yet read, oldest first. Never blocks."""
 
     @abstractmethod
     def _take(self, came: Any, now_s: float) -> RobotState | None:
-        """Return the state in one of these, received at `now_s`; None if it is invalid."""
+        """Return the state in a message received at `now_s`; None if it is invalid."""
 
     @abstractmethod
     def _hear(self) -> RobotState | None:
-        """The newest state of what comes by the next control instant, or the one of a silence that
-        was just noticed; None where nothing is to be told. Returns at least every WAKE_S."""
+        """Wait until the next control instant for the newest state, or the state of a silence just
+        noticed; None if neither. Returns at least every WAKE_S."""
 
     @abstractmethod
     def _say(self, data: bytes | None) -> bool:
-        """Send `data`, if there is any; whether it has left. Never raises."""
+        """Send `data`, if any; return True if it was sent. Never raises."""
 
     def _drain(self) -> RobotState | None:
-        """Take all that waits; the newest state, if there is any in it."""
+        """Process all waiting messages; return the newest state, if any."""
         newest = None
         for came in self._waiting():
             newest = self._take(came, self._now_s()) or newest
@@ -521,7 +517,7 @@ class AnswerMixin(LoopMixin[AnsweringSessionT]):
 
     @abstractmethod
     def _hold(self) -> None:
-        """Answer the state that the application gave no command for."""
+        """Answer a state for which the application gave no command."""
 
     def _answer_with_hold(self) -> None:
         """Answer the newest state so that the robot brakes, or stays."""
@@ -529,13 +525,13 @@ class AnswerMixin(LoopMixin[AnsweringSessionT]):
         self._session.reply_pending = False
 
     def _brake(self) -> None:
-        """Answer states with holds until the robot rests, or they cease."""
+        """Answer states with holds until the robot is at rest, or they cease."""
         until_s = self._now_s() + self.brakes_within_s
         while self._session.moving and self._now_s() < until_s and self._hear_while_braking():
             self._answer_with_hold()
 
     def _hear_while_braking(self) -> bool:
-        """Take what comes next; whether the controller is still there."""
+        """Process the next messages; return False once the controller is silent."""
         return self._hear() is not None
 
     def _leave(self) -> None:
@@ -549,7 +545,7 @@ class AnswerMixin(LoopMixin[AnsweringSessionT]):
 
     @property
     def link(self) -> RobotLink:
-        """Whether the controller is heard now."""
+        """Link to the controller at this time."""
         if self._connection() is None:
             return RobotLink.WAITING
         return self._session.link(self._now_s())
@@ -562,18 +558,18 @@ class AnswerMixin(LoopMixin[AnsweringSessionT]):
 
 
 class DatagramRobot(AnswerMixin[DatagramSessionT], RobotDriver):
-    """Driver by a :class:`DatagramTransport`; a subclass defines `_make_session` and `_join`."""
+    """Driver with a :class:`DatagramTransport`; a subclass defines `_make_session` and `_join`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._session = self._make_session()
         self._transport: DatagramTransport | None = None
         self._parents: DatagramTransport | None = None
-        """In a forked child: kept, because closing a bus there would wait for its threads."""
+        """Kept in a forked child, because closing a bus there would wait for its threads."""
 
     @abstractmethod
     def _make_session(self) -> DatagramSessionT:
-        """A new session, from `self.options`."""
+        """Make a new session from `self.options`."""
 
     @abstractmethod
     def _join(self) -> DatagramTransport:
@@ -638,7 +634,7 @@ class DatagramRobot(AnswerMixin[DatagramSessionT], RobotDriver):
             session.check(command)
             return
         if session.late(now_s):
-            # The robot has moved on since the state that this command was computed from.
+            # The robot has moved since the state that this command was computed from.
             self._drain()
         answer = session.command(command, self._now_s())
         session.reply_pending = False

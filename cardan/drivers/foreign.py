@@ -1,4 +1,4 @@
-"""Checks of other packages' drivers; an error names the driver."""
+"""Checks of third-party drivers; errors name the driver."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from cardan.types import ButtonEvent, DeviceLink, DeviceState, Pose, RobotLink, 
 _log = logging.getLogger(__name__)
 
 FAILURES = (Exception, SystemExit)
-"""Exceptions caught from a driver; SystemExit, so that `sys.exit()` ends no session silently."""
+"""Exceptions caught from a driver; SystemExit, too, so that `sys.exit()` ends no session
+silently."""
 
 
 class RobotCalls:
-    """Context in which calls of a robot's driver raise errors of Cardan only: any other becomes
-    a DriverError that names the driver."""
+    """Context for calls of a robot's driver: converts errors that are not Cardan's to a DriverError
+    that names the driver."""
 
     def __init__(self, robot: RobotDriver) -> None:
         self._name = type(robot).__name__
@@ -42,19 +43,19 @@ class RobotCalls:
             self.check(error)
 
     def check(self, error: BaseException) -> None:
-        """Raise a DriverError for an error of a driver's call, unless it is one of Cardan's."""
+        """Raise a DriverError for an error of a driver's call, unless the error is Cardan's."""
         if not isinstance(error, CardanError) and not shortage(error):
             _log.debug("it failed here", exc_info=error)
             raise self.failed(reason(error)) from error
 
     def failed(self, problem: str) -> DriverError:
-        """The error for a driver that breaks its interface."""
+        """Make the error for a driver that breaks its interface."""
         return DriverError(f"the robot's driver {self._name} failed: {problem}")
 
 
 def close_in_order(opened: Openable) -> None:
-    """Close a driver or a filter. If it raises, log its name, so that the caller closes the others
-    too."""
+    """Close a driver or filter. Log its name if it raises, so that the caller can close the
+    others."""
     try:
         opened.close()
     except FAILURES:
@@ -62,12 +63,13 @@ def close_in_order(opened: Openable) -> None:
 
 
 def is_foreign(driver: object) -> bool:
-    """Whether another package has made a driver: its results are checked in each cycle."""
+    """True for a driver of another package: its results are checked in each cycle."""
     return type(driver).__module__.partition(".")[0] != "cardan"
 
 
 def device_problem(state: Any, events: Any) -> str:
-    """Say how results of a device's `state()` and `button_events()` are invalid; empty: valid."""
+    """Explain how results of a device's `state()` and `button_events()` are invalid; empty if
+    valid."""
     if not isinstance(state, DeviceState):
         return f"state() gave {state!r:.60}"
     if not isinstance(state.link, DeviceLink):
@@ -89,8 +91,8 @@ def device_problem(state: Any, events: Any) -> str:
 
 
 def robot_problem(state: Any) -> str:
-    """Say how a result of a robot's `cycles()` is invalid; empty: valid. Joints may be NaN, which
-    the arm's model refuses; an invalid time would make a silent robot seem alive."""
+    """Explain how a result of a robot's `cycles()` is invalid; empty if valid. Joints may be NaN,
+    which the arm's model refuses; an invalid time would make a silent robot seem alive."""
     if not isinstance(state, RobotState):
         return f"cycles() gave {state!r:.60}"
     if not isinstance(state.link, RobotLink):
@@ -109,7 +111,7 @@ def robot_problem(state: Any) -> str:
 
 
 def checked_lines(lines: Any) -> list[str]:
-    """Return the lines of a `diagnosis()`. Raises TypeError for any other value."""
+    """Return the lines of a `diagnosis()`. Raises TypeError for any other result."""
     wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
     if wrong:
         raise TypeError(f"diagnosis() gave {wrong[0]!r:.60}, not lines of text")
@@ -117,7 +119,7 @@ def checked_lines(lines: Any) -> list[str]:
 
 
 def counted(metrics: Any) -> Any:
-    """Return what `metrics()` gave, checked. Raises TypeError for a value that is no number."""
+    """Return the checked result of `metrics()`. Raises TypeError for a value that is no number."""
     for name, value in metrics.items():
         if not isinstance(value, Real):
             raise TypeError(f"metrics() gave {value!r:.60} for {name!r}, not a number")

@@ -1,4 +1,4 @@
-"""The interface of devices with force feedback."""
+"""Interface of devices with force feedback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cardan.types import DeviceLink, Pose
 
 
 class HapticDevice(OperatorDevice):
-    """A device with a force loop of its own, which renders commands; no call waits for it.
+    """A device with its own force loop, which renders commands; no call waits for the loop.
 
     :class:`cardan.drivers.ihaptic.IHapticDevice` gives any of them the functions of YARP.
     """
@@ -26,33 +26,34 @@ class HapticDevice(OperatorDevice):
 
     @abstractmethod
     def haptics(self) -> HapticState:
-        """The newest snapshot. Never blocks, never raises; one that is too old is marked so."""
+        """Return the newest snapshot, marked if it is too old. Never blocks, never raises."""
 
     @abstractmethod
     def enable(self) -> None:
-        """Let force out, after a latched fault too. Raises CommandError while it cannot be."""
+        """Allow force, also after a latched fault. Raises CommandError while that is not
+        possible."""
 
     @abstractmethod
     def disable(self) -> None:
-        """No force, by ramp, until enable()."""
+        """Ramp the force down to zero until enable()."""
 
     @abstractmethod
     def pause(self) -> None:
-        """No force, by ramp, until resume(). Raises CommandError unless enabled."""
+        """Ramp the force down to zero until resume(). Raises CommandError unless enabled."""
 
     @abstractmethod
     def resume(self) -> None:
-        """Go on after pause(). Raises CommandError unless paused."""
+        """Allow force after pause(). Raises CommandError unless paused."""
 
     @property
     @abstractmethod
     def feedback_limits(self) -> FeedbackLimits:
-        """The largest feedback that is let out."""
+        """Largest feedback that the device exerts."""
 
     def measured_pose(self) -> Pose:
-        """The measured pose, also while buttons or the link keep it from commanding anything.
+        """Return the measured pose, also while buttons or the link prevent commands.
 
-        Raises DriverError while the device cannot tell, NotOpenError.
+        Raises DriverError while the pose is unknown, NotOpenError.
         """
         state = self.state()
         if state.pose is None:
@@ -61,5 +62,5 @@ class HapticDevice(OperatorDevice):
         return state.pose
 
     def next_sequence(self) -> int:
-        """A sequence number above those of all commands so far, from any source."""
+        """Return a sequence number above those of all earlier commands, from any source."""
         return self.haptics().command_sequence + 1

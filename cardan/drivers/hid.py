@@ -1,4 +1,4 @@
-"""hidapi: its modules, which another package of the same name may hide, and an open device."""
+"""Import of hidapi's modules, which another package may shadow, and an open HID device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from cardan.errors import DriverError
 
 
 def load_hid(module_name: str) -> ModuleType:
-    """hidapi's module. DriverError when it is missing or another package has its name."""
+    """Return hidapi's module. Raises DriverError if it is missing or shadowed by another
+    package."""
     try:
         module = importlib.import_module(module_name)
     except ImportError as error:
@@ -30,7 +31,7 @@ def load_hid(module_name: str) -> ModuleType:
 
 
 REPORT_ROOM = 64
-"""Size of every read: one that is too small loses the rest of the report."""
+"""Size of every read, bytes: a smaller one would truncate reports."""
 
 
 class HidDevice:
@@ -43,23 +44,24 @@ class HidDevice:
         self._handle.set_nonblocking(1)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """The oldest waiting input report, of its true length; None when none comes in time."""
+        """Return the oldest waiting input report, of its true length; None if none comes in
+        time."""
         try:
             if timeout_s > 0.0:
                 report = self._handle.read(REPORT_ROOM, max(1, round(1000.0 * timeout_s)))
             else:
                 report = self._handle.read(REPORT_ROOM)
-        except ValueError as error:  # hidapi's word for a device that was closed
+        except ValueError as error:  # hidapi's error for a closed device
             raise OSError(errno.ENODEV, str(error)) from None
         return bytes(report) if report else None
 
     def write(self, report: bytes) -> None:
-        """Send an output report, id first."""
+        """Send an output report, its id first."""
         if self._handle.write(report) < 0:
             raise OSError(errno.EIO, f"write error: {self._handle.error()}")
 
     def descriptor(self) -> bytes | None:
-        """The report descriptor, where it can be read."""
+        """Report descriptor, if it can be read."""
         try:
             return bytes(self._handle.get_report_descriptor())
         except (OSError, ValueError, AttributeError):  # hidapi before 0.14 has no such function

@@ -1,7 +1,7 @@
-"""Notification of plugged-in devices, so that a driver without one need not poll.
+"""Notification of plugged-in devices, as an alternative to polling.
 
-The kernel reports it where it lets us listen; elsewhere (some containers, other systems) a driver
-polls. Any program may send such an event: it only makes a driver look.
+If the kernel's events are not accessible (some containers, other systems), drivers poll. Any
+program may send such an event, which only makes a driver search.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from cardan.protocols.uevent import (
 )
 
 ARRIVED: Final = frozenset({"add", "bind", "change"})
-"""Actions after which a device may have appeared, or may be opened: udev reports its permissions by
-repeating the kernel's action."""
+"""Actions after which a device may have appeared or become accessible: udev repeats the kernel's
+action once it has set permissions."""
 
 SUBSYSTEMS: Final = frozenset({"hidraw", "input", "tty", "usb", "usb_device", "can", "net"})
 """Subsystems of operator devices."""
 
 LISTEN_S: Final = 0.1
-"""Period of checking whether to end."""
+"""Period of checking whether to end, s."""
 
 
 class HotplugMonitor:
-    """Listener for devices that are plugged in, from its making until `close`."""
+    """Listener for plugged-in devices, from its creation until `close`."""
 
     def __init__(self) -> None:
         self._socket: socket.socket | None = None
@@ -51,13 +51,13 @@ class HotplugMonitor:
 
     @property
     def reports_devices(self) -> bool:
-        """Whether the system reports devices."""
+        """True if the system reports devices."""
         return self._socket is not None
 
     def wait(self, timeout_s: float, stop: threading.Event) -> bool:
-        """Wait until a device has arrived, for `timeout_s` at most; ends early when `stop` is set.
+        """Wait for a device, at most `timeout_s` or until `stop` is set.
 
-        Returns whether one has arrived.
+        Returns True if one was plugged in.
         """
         listening = self._socket
         if listening is None:
@@ -70,7 +70,7 @@ class HotplugMonitor:
         return False
 
     def _arrived(self) -> bool:
-        """Whether one of the events that wait is of a device that has arrived; all are read."""
+        """Read all waiting events; return True if one is of a device that was plugged in."""
         listening = self._socket
         arrived = False
         if listening is None:
@@ -80,7 +80,7 @@ class HotplugMonitor:
                 event = decode_uevent(listening.recv(LARGEST))
             except BlockingIOError:
                 return arrived
-            except OSError:  # Too many at once (ENOBUFS): there may have been one.
+            except OSError:  # Lost events (ENOBUFS): a device may have been among them.
                 arrived = True
                 continue
             if event is not None and event.action in ARRIVED and event.subsystem in SUBSYSTEMS:

@@ -18,16 +18,16 @@ ForceMode = Literal["cartesian", "joint"]
 
 
 class IHapticDevice:
-    """The functions of YARP's IHapticDevice for `device`, which is opened and enabled by itself.
+    """YARP's IHapticDevice for `device`, which the caller opens and enables.
 
-    Its defects are corrected: SI units and radians, the transformation's rotation alone acts on
-    forces, the norm is clamped and not each axis, and a feedback that is not repeated ends.
+    YARP's defects are corrected: units are SI and radians, only the transformation's rotation acts
+    on forces, the norm is clamped instead of each axis, and a feedback that is not repeated ends.
     """
 
     def __init__(self, device: HapticDevice, force_mode: ForceMode | None = None) -> None:
-        """`force_mode` is what set_feedback() takes at first; None: the device's option of that
-        name, or forces where it has none. Raises OptionError for another mode, CommandError for
-        joint torques of a device that takes none."""
+        """Set the initial mode of set_feedback() to `force_mode`; None: the device's option of that
+        name, or forces if it has none. Raises OptionError for another mode, CommandError for joint
+        torques if the device takes none."""
         if force_mode is None:
             force_mode = getattr(device.options, "force_mode", "cartesian")
         check_value("force_mode", force_mode, ForceMode)
@@ -41,28 +41,29 @@ class IHapticDevice:
         """Held while the mode is read or changed, and while a command is sent."""
 
     def get_pose(self) -> Pose:
-        """Position and orientation in the frame of the transformation.
+        """Return position and orientation in the frame of the transformation.
 
-        Raises DriverError while the device cannot tell.
+        Raises DriverError while they are unknown.
         """
         return spatial.compose(self._transformation, self._device.measured_pose())
 
     def get_position(self) -> Vector3:
-        """Position of the gimbal's center in the frame of the transformation, m.
+        """Return the position of the gimbal's center in the frame of the transformation, m.
 
-        Raises DriverError while the device cannot tell.
+        Raises DriverError while it is unknown.
         """
         return self.get_pose().position
 
     def get_orientation(self) -> Vector3:
         """Orientation of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
 
-        Raises DriverError while the device cannot tell.
+        Raises DriverError while it is unknown.
         """
         return spatial.to_euler_zyx(self.get_pose().orientation)
 
     def get_buttons(self) -> tuple[bool, ...]:
-        """Whether each button is down, in the order of the device's capabilities."""
+        """Return for each button, in the order of the device's capabilities, whether it is
+        pressed."""
         held = self._device.state().buttons
         return tuple(label in held for label in self._device.capabilities.buttons)
 
@@ -71,20 +72,21 @@ class IHapticDevice:
         return not self._joint_torques
 
     def set_cartesian_force_mode(self) -> None:
-        """Feedback is a force in N from now on; it becomes zero first."""
+        """Switch feedback to a force in N; it becomes zero first."""
         self._set_mode(joint_torques=False)
 
     def set_joint_torque_mode(self) -> None:
-        """Feedback is torques in N·m from now on; it becomes zero first.
+        """Switch feedback to joint torques in N·m; it becomes zero first.
 
-        Raises CommandError for a device that takes none.
+        Raises CommandError if the device takes none.
         """
         self._require_joint_torques()
         self._set_mode(joint_torques=True)
 
     def get_max_feedback(self) -> Vector3:
-        """The largest feedback: N in Cartesian mode, of the norm; N·m in joint torque mode, of each
-        joint. Torques are limited as a force, too: theirs at the gimbal is within the same norm."""
+        """Return the largest feedback: in Cartesian mode the norm in N, in joint torque mode each
+        joint's in N·m. Torques are also limited as the force that they exert at the gimbal, to the
+        same norm."""
         limits = self._device.feedback_limits
         most = limits.joint_torque_n_m if self._joint_torques else limits.force_n
         return Vector3(*(most or 0.0,) * 3)
@@ -94,14 +96,14 @@ class IHapticDevice:
         return spatial.rotate(spatial.conjugate(self._transformation.orientation), force)
 
     def from_hand(self, force: Vector3) -> Vector3:
-        """A force along the axes of the hand frame, along the transformation's."""
+        """Rotate a force from the axes of the hand frame to the transformation's."""
         return spatial.rotate(self._transformation.orientation, force)
 
     def set_feedback(self, feedback: Vector3) -> None:
-        """Force in N along the transformation's axes, or joint torques in N·m.
+        """Exert a force in N along the transformation's axes, or joint torques in N·m.
 
-        It starts small and lasts as long as the device's watchdog lets it: repeat it. Raises
-        CommandError for what is not three finite numbers, NotOpenError.
+        It ramps up, and ends by the device's watchdog unless repeated. Raises CommandError unless
+        it is three finite numbers, NotOpenError.
         """
         try:
             x, y, z = map(float, feedback)
@@ -117,14 +119,15 @@ class IHapticDevice:
                 self._send(force=self.to_hand(asked))
 
     def stop_feedback(self) -> None:
-        """No feedback, by ramp. Raises NotOpenError."""
+        """Ramp the feedback down to zero. Raises NotOpenError."""
         with self._commands:
             self._send(engaged=False)
 
     def set_transformation(self, transformation: Pose) -> None:
-        """Where the hand frame is in the user's: applied to positions; its rotation to forces.
+        """Set the pose of the hand frame in the user's frame, applied to positions; its rotation is
+        applied to forces.
 
-        Raises CommandError for what is no pose.
+        Raises CommandError if it is no pose.
         """
         position, turn, frame = transformation
         if not spatial.is_finite((*position, *turn)):
@@ -136,7 +139,7 @@ class IHapticDevice:
         self._transformation = Pose(Vector3(*position), unit, frame)
 
     def get_transformation(self) -> Pose:
-        """The transformation."""
+        """Return the pose of the hand frame in the user's frame."""
         return self._transformation
 
     def _require_joint_torques(self) -> None:
@@ -153,7 +156,7 @@ class IHapticDevice:
     def _send(
         self, *, engaged: bool = True, force: Vector3 = ZERO3, torques: Vector3 | None = None
     ) -> None:
-        """Send `command` and nothing else; `_commands` is held."""
+        """Send `command`; the caller holds `_commands`."""
         self._sequence = max(self._sequence + 1, self._device.next_sequence())
         self._device.render(
             HapticCommand(

@@ -1,4 +1,4 @@
-"""Limiters of the reference: whatever is commanded, the next reference is within the limits.
+"""Limiters that keep the reference within its limits, whatever is commanded.
 
 Each limiter owns a `reference` and its `velocity` and moves it by one control period at
 a time: towards a moving target (`track`), at a velocity (`drive`), or to a stop (`brake`). Limits
@@ -59,7 +59,7 @@ class JointLimiter:
         self._upper = tuple(upper)
         self._speed = tuple(speed)
         self._acceleration = tuple(acceleration)
-        # Between the inner borders the full speed can always be stopped in time.
+        # Between the inner bounds even the full speed can be stopped in time.
         braking = [
             v * v / (2.0 * a) + v * longest_period_s
             for v, a in zip(speed, acceleration, strict=True)
@@ -68,14 +68,14 @@ class JointLimiter:
         self._inner_upper = tuple(b - d for b, d in zip(upper, braking, strict=True))
         self._target: Sequence[float] | None = None
         self.reference: list[float] = [0.0] * len(speed)
-        """Commanded positions. The same list always."""
+        """Commanded positions, always the same list object."""
         self.velocity: list[float] = [0.0] * len(speed)
-        """Commanded velocities. The same list always."""
+        """Commanded velocities, always the same list object."""
 
     @property
     def limits(self) -> tuple[tuple[float, ...], ...]:
-        """Lower and upper ends, both where the full speed can still be stopped, speeds and
-        accelerations, of each axis."""
+        """Lower and upper ends, the inner bounds within which full speed can be stopped, speeds and
+        accelerations, by axis."""
         return (
             self._lower,
             self._upper,
@@ -91,7 +91,7 @@ class JointLimiter:
         return any(self.velocity)
 
     def reset(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
-        """Start from `positions` (rest, or `velocities` as far as they can be stopped)."""
+        """Start from `positions` at rest, or at `velocities` as far as they can be stopped."""
         self.reference[:] = positions
         self._target = None
         if velocities is None:
@@ -145,7 +145,8 @@ class JointLimiter:
     def _advance(
         self, desired: Sequence[float], target: Sequence[float] | None, dt_s: float
     ) -> None:
-        """Advance one period at the velocities `desired`, and towards a `target` that has them."""
+        """Advance one period at the velocities `desired`, and towards a `target` that moves at
+        them."""
         positions, velocities = self.reference, self.velocity
         inner_lower, inner_upper = self._inner_lower, self._inner_upper
         for i, speed, a, position, before, velocity in zip(
@@ -194,7 +195,7 @@ def _steer(
     acceleration: float,
     dt_s: float,
 ) -> Vector3:
-    """The next velocity of a point that is `error` away from a target moving at `forward`."""
+    """Return the next velocity of a point at distance `error` from a target moving at `forward`."""
     wx, wy, wz = forward
     fast = wx * wx + wy * wy + wz * wz
     if fast > speed * speed:
@@ -221,7 +222,7 @@ def _steer(
 
 
 class _SpatialLimiter(ABC):
-    """A limiter for three axes whose speed and acceleration count as a whole."""
+    """Limiter of three axes whose speed and acceleration are limited as vectors."""
 
     __slots__ = ("_acceleration", "_speed", "_target", "velocity")
 
@@ -254,7 +255,7 @@ class _SpatialLimiter(ABC):
 
 
 class PointLimiter(_SpatialLimiter):
-    """A limiter for a point in space: its speed, acceleration and, if wanted, a box around it.
+    """Limiter of a point in space: speed, acceleration and, optionally, a bounding box.
 
     A point found outside the box may only move inwards.
     """
@@ -267,13 +268,13 @@ class PointLimiter(_SpatialLimiter):
         acceleration: float,
         box: tuple[Sequence[float], Sequence[float]] | None = None,
     ) -> None:
-        """m/s, m/s²; `box` is its lower and its upper corner, m."""
+        """Set the limits in m/s and m/s²; `box` is its lower and its upper corner, m."""
         super().__init__(speed, acceleration)
         self._box = box
         self.reference = ZERO3
 
     def reset(self, position: Vector3, velocity: Sequence[float] = ZERO3) -> None:
-        """Start from `position` (rest, or `velocity` as far as it can be stopped)."""
+        """Start from `position` at rest, or at `velocity` as far as it can be stopped."""
         self.reference = position
         self._target = None
         self.velocity = limit_norm(Vector3(*velocity), self._speed)
@@ -301,7 +302,7 @@ class PointLimiter(_SpatialLimiter):
         """
         x, y, z = self.reference
         if self._box is not None:
-            target = clipped(target, *self._box)  # what is left of it lies along the wall
+            target = clipped(target, *self._box)  # the remaining component lies along the wall
         tx, ty, tz = target
         previous = self._target
         self._target = target
@@ -335,15 +336,15 @@ class PointLimiter(_SpatialLimiter):
 
 
 class OrientationLimiter(_SpatialLimiter):
-    """A limiter for an orientation: angular speed and acceleration; quaternions stay continuous.
+    """Limiter of an orientation: angular speed and acceleration; quaternions stay continuous.
 
-    The short way round is taken, whichever of q and -q a target is given as.
+    Rotations take the short way, whether a target is given as q or -q.
     """
 
     __slots__ = ("reference",)
 
     def __init__(self, speed: float, acceleration: float) -> None:
-        """rad/s, rad/s²."""
+        """Set the limits in rad/s and rad/s²."""
         super().__init__(speed, acceleration)
         self.reference = IDENTITY
 
@@ -365,8 +366,8 @@ class OrientationLimiter(_SpatialLimiter):
     def track(self, target: Quaternion, velocity: Sequence[float] | None, dt_s: float) -> None:
         """Advance one period towards `target`, which turns at its observed rate.
 
-        A target's length need not be exactly 1.
-        `velocity` stands in for that on the first call after a reset or a brake.
+        A target's length need not be exactly 1. `velocity` replaces the observed rate on the first
+        call after a reset or a brake.
         """
         previous = self._target
         self._target = target
@@ -418,6 +419,6 @@ class OrientationLimiter(_SpatialLimiter):
         nx = aw * x + ax * w + ay * z - az * y
         ny = aw * y - ax * z + ay * w + az * x
         nz = aw * z + ax * y - ay * x + az * w
-        # One Newton step keeps the length at 1 without a root.
+        # One Newton step keeps the length at 1 without a square root.
         unit = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
         self.reference = _new(Quaternion, (nw * unit, nx * unit, ny * unit, nz * unit))

@@ -1,17 +1,17 @@
-"""Missed cycles: time in which a robot got no commands is never made up for.
+"""Handling of missed cycles: time in which a robot got no commands is never made up for.
 
-While a process stands still, or datagrams are lost, most controllers continue at the last commanded
+While a process is suspended, or datagrams are lost, most controllers continue at the last commanded
 speed. The next command then differs from the robot's position: it is behind, if the application
-continued from its last command, or ahead, if the robot slowed down. Sent at once it would cause a
+continued from its last command, or ahead, if the robot slowed down. Sent directly it would cause a
 jerk, and a robot that made up for lost time would be faster than commanded.
 
-So the difference is kept, and added to every command. A robot that is ahead of its command is
-slowed a little until it is not; one that is behind stays behind until it rests. When the command
-has come to rest, nothing may move for long: the robot ends its way at once, no faster than it was
-commanded, and the part that takes longer than `LONGEST_REST_S` stays.
+The difference is therefore kept, and added to every command. A robot ahead of its command is slowed
+a little until it is not; a robot behind stays behind until it rests. When the command has come to
+rest, the robot completes its way at once, no faster than it was commanded, and the part that would
+take longer than `LONGEST_REST_S` remains.
 
-How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
-and this computer's both say.
+The elapsed time never depends on the controller alone: `AgreedTime` counts the time that passed by
+both its clock and this computer's.
 """
 
 from __future__ import annotations
@@ -21,70 +21,70 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 WORK_OFF_S: Final = 0.5
-"""Time constant with which a difference in place dies away in motion: 6 mm, what 60 ms at 100 mm/s
-leave, at 12 mm/s."""
+"""Time constant of the decay of a position difference in motion: 6 mm, the loss of 60 ms at 100
+mm/s, at 12 mm/s."""
 
 WORK_OFF_SHARE: Final = 0.5
-"""Share of the commanded speed by which it may be slowed for that."""
+"""Largest share of the commanded speed by which that slows the robot."""
 
 REST_S: Final = 0.2
-"""Time from the rest of the command to that of the robot: 6 mm at 45 mm/s at most, and 0.9 m/s²."""
+"""Time from the command's rest to the robot's: 6 mm at 45 mm/s at most, and 0.9 m/s²."""
 
 LONGEST_REST_S: Final = 0.27
-"""The same where more was lost than 67 ms, which takes longer if it is to be no harder: a robot
-that had stopped is 0.125 s behind once it has its speed again."""
+"""The same after a loss of more than 67 ms, longer so that it is no harder: a robot that had
+stopped is 0.125 s behind once it is up to speed."""
 
 RECENT_S: Final = 5.0
-"""Time constant with which it is forgotten what speed was commanded."""
+"""Time constant of forgetting the highest commanded speed."""
 
 SPEED_UP_S: Final = 0.25
-"""Time in which a robot that has stopped by itself has its speed again: 250 mm/s at 1 m/s²."""
+"""Time in which a robot that has stopped by itself is up to speed: 250 mm/s at 1 m/s²."""
 
 SLOW_DOWN_S: Final = 0.1
-"""Time constant of that for a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
+"""Time constant of slowing a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
 
-_NOTHING = 1e-7
+NOTHING: Final = 1e-7
 """Smallest difference that counts: m, rad, and per s."""
 
 
 SLACK_S: Final = 0.001
-"""Time beyond this computer's own by which a robot may be advanced at once: what arrival jitters by
-on an idle computer. At 0.5 rad/s it is 0.5 mrad."""
+"""Longest advance of a robot in one step beyond the time on this computer's clock: the arrival
+jitter of an idle computer. At 0.5 rad/s it is 0.5 mrad."""
 
 PARTED_SHARE: Final = 0.02
-"""Difference in speed of two clocks that count as parted: quartzes differ by 0.0001."""
+"""Difference in rate at which two clocks count as diverged: quartzes differ by 0.0001."""
 
 WINDOW_S: Final = 0.5
-"""Time over which clocks are compared, by the states that came quickest in it."""
+"""Window over which clocks are compared, by the states with the least delay in it."""
 
 JUMP_S: Final = 0.05
-"""Lead of a clock over the quickest arrival of a window that no delay explains."""
+"""Lead of a clock over the least delayed arrival of a window that no delay explains."""
 
 SIMULATED_MOST: Final = 10.0
-"""Largest rate of simulated time; a larger step from one state to the next is a jump."""
+"""Largest rate of simulated time; a larger step between two states is a jump."""
 
 PAUSE_S: Final = 0.1
-"""Local time that may pass beyond the controller's and be made up for later, by states that were
-kept back. A clock that loses more between two states, where states come faster otherwise, was
-stopped with its controller: clocks are compared anew. A clock that shows the same time for this
-long, while states come, stands still."""
+"""Longest lag of the controller's time behind local time that delayed states may still make up for.
+A clock that loses more between two states of a faster stream was stopped with its controller: the
+comparison restarts. A clock that shows the same time for this long, while states come, stands
+still."""
 
 _STILL_STATES = 2
-"""Further states with the same time that are needed for that."""
+"""Further states with the same time that are required for that."""
 
 SIMULATED_TIME: Final = "simulated_time"
-"""The option of drivers whose controller may be a simulation."""
+"""Option of drivers whose controller may be a simulation."""
 
 
 def believed_s(
     step_s: float, due_s: float, waited_s: float, credit_s: float
 ) -> tuple[float, float]:
-    """Time between two states of which a controller says that it was `step_s`, and the credit for
-    the next; before the first it is SLACK_S.
+    """Return the accepted time between two states, `step_s` by the controller's clock, and the new
+    credit.
 
-    They came `waited_s` apart, and `due_s` is the time that so many states take: states that were
-    kept back come faster, and use up `credit_s`, which is what this computer has counted and the
-    controller has not. cardan/drivers/abb_egm/kernel/take.c has the same.
+    They arrived `waited_s` apart, and `due_s` is the nominal time of that many states. Delayed
+    states arrive faster, and use up `credit_s`: local time not yet counted by the controller; it
+    starts at SLACK_S. cardan/drivers/abb_egm/kernel/take.c has the same.
     """
     found_s, slack_s, credit_s = step_s, waited_s + SLACK_S, credit_s + waited_s
     if found_s > due_s and found_s > slack_s:
@@ -98,11 +98,11 @@ def believed_s(
 
 
 class ClockWatch:
-    """Comparison of a controller's clock with the local one; `fault` says what is wrong with it.
+    """Comparison of a controller's clock with the local one; `fault` describes any fault.
 
     Delays are no fault: a state may come late, several may come at once, and either computer may
-    stand still. So only the state that came quickest in each window counts, and a small difference
-    has to be there in two windows.
+    pause. Therefore only the least delayed state of each window counts, and a small difference must
+    show in two windows.
     """
 
     __slots__ = (
@@ -123,27 +123,27 @@ class ClockWatch:
     )
 
     def __init__(self, *, option: str = "", simulated: bool = False) -> None:
-        """`simulated`: the controller's time is a simulation's, and may pass as fast as that
-        computes. `option` names the setting for that, for messages about an unexpected clock."""
+        """Set `simulated` for a simulation's time, which may pass as fast as it computes. `option`
+        names that setting in messages about an unexpected clock."""
         self._option, self._simulated = option, simulated
         self.begin()
 
     def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
-        """Restart the comparison from a first state; without one, from the next on."""
+        """Restart the comparison from a first state, or from the next one."""
         self.fault = ""
         self._controller_s, self._local_s = controller_s, local_s
         self._rose_s, self._still, self._waited_s = local_s, 0, 0.0
         self._compare(local_s)
 
     def _compare(self, local_s: float) -> None:
-        """Forget earlier windows; the present one begins."""
+        """Discard earlier windows and begin a new one."""
         self._ahead_s = self._best_s = -math.inf
         self._ahead_to_s = self._best_to_s = local_s
         self._end_s = local_s + WINDOW_S
         self._parting = 0.0
 
     def heard(self, controller_s: float, local_s: float) -> None:
-        """Take a state of `controller_s` that came at `local_s`."""
+        """Process a state of time `controller_s` that arrived at `local_s`."""
         step_s, waited_s = controller_s - self._controller_s, local_s - self._local_s
         ahead_s = controller_s - local_s
         if step_s > 0.0 and waited_s <= PAUSE_S and local_s < self._end_s:
@@ -159,8 +159,8 @@ class ClockWatch:
         self._look(step_s, waited_s, before_s, ahead_s)
 
     def _look(self, step_s: float, waited_s: float, before_s: float, ahead_s: float) -> None:
-        """Compare the clocks where something may be new; `before_s` was waited for the state before
-        this one."""
+        """Compare the clocks if something may be new; `before_s` was the wait for the previous
+        state."""
         local_s = self._local_s
         if step_s < 0.0:
             self._note(f"went back by {-step_s:.3g} s: it was restarted, or its clock is wrong")
@@ -172,7 +172,7 @@ class ClockWatch:
             if self._still >= _STILL_STATES and local_s - self._rose_s > PAUSE_S:
                 self._note("stands still while states come")
                 return
-        # Of a first window it is not known how late its quickest state was.
+        # In a first window the delay of its least delayed state is unknown.
         lead_s = ahead_s - max(self._best_s, self._ahead_s)
         beyond_s = step_s - waited_s * (SIMULATED_MOST if self._simulated else 1.0)
         if self._ahead_s > -math.inf and min(lead_s, 2.0 * beyond_s) > JUMP_S:
@@ -186,7 +186,7 @@ class ClockWatch:
             self._end_window(local_s)
 
     def _end_window(self, local_s: float) -> None:
-        """Compare the quickest states of this window and of the one before."""
+        """Compare the least delayed states of this window and the previous one."""
         between_s = self._best_to_s - self._ahead_to_s
         gained_s = self._best_s - self._ahead_s
         if math.isfinite(gained_s):
@@ -213,8 +213,8 @@ class ClockWatch:
 
 
 class AgreedTime(ClockWatch):
-    """Time that has passed by a controller's clock and by this computer's: the smaller of the two,
-    and SLACK_S at most beyond the latter."""
+    """Time that has passed by both a controller's clock and this computer's: the smaller of the
+    two, and at most SLACK_S more than the latter."""
 
     __slots__ = ("_credit_s", "period_s", "time_s")
 
@@ -230,15 +230,15 @@ class AgreedTime(ClockWatch):
         self._credit_s = SLACK_S
 
     def passed(self, controller_s: float, local_s: float, states: int = 1) -> float:
-        """Time between the state before and one that came at `local_s`, which is the number
-        `states` from that one on; s, 0 for the first."""
+        """Return the time since the previous state for a state that arrived at `local_s` as the
+        `states`-th after it, s; 0 for the first."""
         step_s, waited_s = controller_s - self._controller_s, local_s - self._local_s
         first = math.isnan(step_s)
         self.heard(controller_s, local_s)
         return 0.0 if first else self._agree(step_s, waited_s, states)
 
     def counted(self, local_s: float, states: int = 1) -> float:
-        """The same for a controller without a clock: the time of `states` periods."""
+        """Return the same for a controller without a clock: the time of `states` periods."""
         waited_s = local_s - self._local_s
         super().begin(math.nan, local_s)
         return self._agree(states * self.period_s, waited_s, states)
@@ -256,7 +256,7 @@ def _fault(what: str) -> str:
 
 
 class SlipCompensation:
-    """The difference in place and speed between a robot and its commands, along some axes.
+    """Position and speed difference of a robot from its commands, along some axes.
 
     Units are those of the axes, rad or m. `offset` and `rate` are added to the commands. For
     orientations a subclass overrides `_displacement` and `_advanced`.
@@ -289,7 +289,8 @@ class SlipCompensation:
         self._interrupted = False
         self._gap_s = 0.0
         self._went = [0.0] * axes
-        """Distance moved in the interruption beyond that of the commanded speed over `_gap_s`."""
+        """Distance moved during the interruption beyond that of the commanded speed over
+        `_gap_s`."""
         self._slip = [0.0] * axes
         """Speed in excess of the command before the interruption."""
         self._fastest = 0.0
@@ -299,19 +300,19 @@ class SlipCompensation:
         self._rest_s = 0.0
         """Time after which the robot comes to rest."""
         self._plan: list[tuple[float, float, float]] = []
-        """Of each axis what stays of the difference, the rest of it, and the rate, when it came to
-        rest."""
+        """Per axis at the begin of the rest: the remaining difference, the part to move, and the
+        rate."""
 
     def reset(self) -> None:
-        """Forget the difference: the robot is where it is commanded to be."""
+        """Discard the difference: the robot is at its commanded position."""
         if self.working:
             self._clear(len(self.offset))
 
     def passed(self, gap_s: float, error: Sequence[float] = (), slip: Sequence[float] = ()) -> None:
-        """`gap_s` have passed without a command, beyond the period that a command is for.
+        """Record a gap of `gap_s` without a command, beyond the period of a command.
 
-        The robot went on at the speed it had. By now it is off by `error` from where that would
-        have brought it, and by `slip` faster. Empty: neither.
+        The robot is now off by `error` from where its speed would have brought it, and faster by
+        `slip`. Empty: neither.
         """
         self.working = self._interrupted = True
         self._gap_s += gap_s
@@ -333,9 +334,9 @@ class SlipCompensation:
     ) -> tuple[Any, Any]:
         """Return target and speeds for one period while `working`; `target` moves at `speeds`.
 
-        `asked` is the target before with its speeds, None after anything else than a target.
-        Where the speeds of either are not known, the difference is forgotten; `seen_s`, if above
-        0, is then the time between the two targets, and gives the speeds.
+        `asked` is the previous target with its speeds, None after any other command. If either's
+        speeds are unknown, the difference is discarded; a `seen_s` above 0 is then the time between
+        the two targets, from which the speeds follow.
         """
         if asked is None:
             self.reset()
@@ -357,7 +358,7 @@ class SlipCompensation:
         return [b - a for a, b in zip(start, end, strict=True)]
 
     def _advanced(self, place: Any, by: Sequence[float]) -> Any:
-        """The position `by` ahead."""
+        """Return the position displaced by `by`."""
         return tuple([q + way for q, way in zip(place, by, strict=True)])
 
     def step(
@@ -369,8 +370,7 @@ class SlipCompensation:
     ) -> None:
         """Advance one period with a command that moves at `velocity`.
 
-        It is `moved` from the command before it, which moved at `before`, both without what is
-        added here.
+        It is `moved` from the previous command, which moved at `before`, both without compensation.
         """
         if self._interrupted:
             self._resume(moved, before, velocity, dt_s)
@@ -382,7 +382,7 @@ class SlipCompensation:
             square += v * v
             size += each * each
             faster += r * (v + 0.5 * r)
-        if square < _NOTHING * _NOTHING:
+        if square < NOTHING * NOTHING:
             self._rest(before, dt_s)
             return
         if self._rested_s:
@@ -404,8 +404,8 @@ class SlipCompensation:
             share = min(share, 1.0)
         left = False
         for i, (each, v, was, r) in enumerate(zip(offset, velocity, before, rate, strict=True)):
-            # The robot's speed moves towards its aim and never away from it: a robot that stands
-            # while its command brakes would otherwise be moved back.
+            # The robot's speed changes towards its goal only: a robot that stands while its command
+            # brakes would otherwise move back.
             low, high = was + r, v + back * each
             if low > high:
                 low, high = high, low
@@ -416,7 +416,7 @@ class SlipCompensation:
                 speed = high
             rate[i] = r = speed - v
             offset[i] = each = each + r * dt_s
-            if not (-_NOTHING <= each <= _NOTHING and -_NOTHING <= r <= _NOTHING):
+            if not (-NOTHING <= each <= NOTHING and -NOTHING <= r <= NOTHING):
                 left = True
         if not left:
             self.reset()
@@ -435,23 +435,24 @@ class SlipCompensation:
             rate[i], offset[i] = (each - offset[i]) / dt_s, each
         if part == 1.0:
             self._fastest = 0.0
-            if not any(rate) and all(abs(each) <= _NOTHING for each in offset):
+            if not any(rate) and all(abs(each) <= NOTHING for each in offset):
                 self.reset()
 
     def _plan_rest(self, before: Sequence[float]) -> None:
-        """How the robot comes to rest: by a cubic in time, which begins and ends hardest."""
+        """Plan how the robot comes to rest: by a cubic in time, with the highest acceleration at
+        both ends."""
         size = math.hypot(*self.offset)
-        hardest = max(self._fastest / SLOW_DOWN_S, _NOTHING)
+        hardest = max(self._fastest / SLOW_DOWN_S, NOTHING)
         self._rest_s = time_s = min(max(REST_S, math.sqrt(6.0 * size / hardest)), LONGEST_REST_S)
         share = min(hardest * time_s**2 / 6.0 / size, 1.0) if self._fastest * size > 0.0 else 0.0
         self._plan = plan = []
         for each, more, v in zip(self.offset, self.rate, before, strict=True):
-            # A robot that stands while its command brakes is not moved back.
+            # A robot that stands while its command brakes does not move back.
             robot = v + more
             speed = min(max(more, min(robot, 0.0)), max(robot, 0.0))
             way, brakes = share * each, -speed * time_s / 3.0
             if way * brakes > 0.0 and abs(brakes) > abs(way):
-                way = brakes  # It would turn back.
+                way = brakes  # It would reverse.
             plan.append((each - way, way, speed))
 
     def _resume(
@@ -461,7 +462,7 @@ class SlipCompensation:
         velocity: Sequence[float],
         dt_s: float,
     ) -> None:
-        """Take the interruption into account, less what the command itself has moved."""
+        """Add the interruption's difference, less the command's own motion."""
         offset, rate, went, slip = self.offset, self.rate, self._went, self._slip
         for i, way in enumerate(moved):
             robot = (before[i] + rate[i]) * self._gap_s + went[i]

@@ -17,8 +17,8 @@ class NodeOptions(BusOptions):
     """Options of a driver's bus connection."""
 
     port: Annotated[int, bounds.ANY_PORT] = 0
-    """TCP port of the other node on this computer, which is then met without a router, as
-    simulated ones are; 0: by `router`."""
+    """TCP port of the other node on this computer, for a connection without a router, as with
+    simulated ones; 0: by `router`."""
 
     @property
     def bus(self) -> BusOptions:
@@ -29,8 +29,8 @@ class NodeOptions(BusOptions):
 
 
 def require_name(key: str, given: object, name: str) -> None:
-    """Raises OptionError for the option `key`, of the value `given`, where `name`, which is made of
-    it, is no name of ROS 2."""
+    """Raise OptionError for the option `key` with the value `given` unless `name`, which is derived
+    from it, is a valid ROS 2 name."""
     try:
         checked_name(name)
     except RosNameError as error:
@@ -40,4 +40,4 @@ def require_name(key: str, given: object, name: str) -> None:
 SIMULATED: tuple[Way, ...] = (
     {"port": OWN, "zenoh_config": ("",), "listen": (BusOptions().listen,)},
 )
-"""In a demo no other program has access."""
+"""Requirement of demos: no other program has access."""

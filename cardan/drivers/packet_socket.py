@@ -1,4 +1,4 @@
-"""Unix packet sockets that stand for devices, served by simulated devices."""
+"""Unix packet sockets in place of devices, served by simulated devices."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from cardan.common.sockets import absence, connected, hang_up
 from cardan.errors import DeviceAccessError
 
 TIMEOUT_S = 1.0
-"""Longest wait for a connection or a write; a running program takes both at once."""
+"""Longest wait for a connection or a write: a running program accepts both at once."""
 
 _ROOM = 4096
-"""Size of every read: one that is too small loses the rest of the packet."""
+"""Size of every read, bytes: a smaller one would truncate packets."""
 
 L = TypeVar("L")
 
 
 def require_unix_sockets() -> None:
-    """Raise DeviceAccessError where the system has none."""
+    """Raise DeviceAccessError if the system has no Unix sockets."""
     if not hasattr(socket, "AF_UNIX"):
         raise DeviceAccessError("this system has no Unix sockets: use another transport")
 
 
 def open_simulated(name: str, path: str, link: Callable[[str], L]) -> L:
-    """`link` of `path`, where the simulated device `name` is served. Raises DeviceAccessError."""
+    """Open `link` at `path`, where the simulated device `name` is served. Raises
+    DeviceAccessError."""
     require_unix_sockets()
     try:
         return link(path)
@@ -38,13 +39,13 @@ def open_simulated(name: str, path: str, link: Callable[[str], L]) -> L:
 
 
 class PacketSocket:
-    """A connection to the socket at `path`; OSError once the other end is gone."""
+    """Connection to the socket at `path`; its methods raise OSError once the other end is gone."""
 
     def __init__(self, path: str) -> None:
         self._peer = connected(path, socket.SOCK_SEQPACKET, TIMEOUT_S)
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """Receive one packet; None when none comes in time."""
+        """Receive one packet; None if none comes in time."""
         self._peer.settimeout(timeout_s)
         try:
             packet = self._peer.recv(_ROOM)
@@ -55,7 +56,7 @@ class PacketSocket:
         return packet
 
     def send(self, packet: bytes, timeout_s: float = TIMEOUT_S) -> None:
-        """Send one packet. Raises TimeoutError when it is not taken in time."""
+        """Send one packet. Raises TimeoutError if it is not accepted in time."""
         self._peer.settimeout(timeout_s)
         self._peer.send(packet)
 

@@ -1,4 +1,4 @@
-"""Operator devices read by a thread: open, read, detect a loss, open again."""
+"""Thread that reads an operator device, detects its loss, and reopens it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ from cardan.errors import DeviceAccessError, DriverError, NotOpenError
 from cardan.types import ButtonEvent, DeviceState
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.2, 0.8
-"""Pause between attempts to open a lost device, doubled each time, where the system does not report
-plugging in: it is found within a second all the same."""
+"""Pause between attempts to open a lost device, doubled each time, if the system does not report
+plugging in; even then it is found within a second."""
 
 SETTLE_S = 0.05
-"""Pause before an attempt after the system has reported a device: a plug makes a dozen events."""
+"""Pause before an attempt after the system has reported a device: plugging in causes a dozen
+events."""
 
 JOIN_TIMEOUT_S = 2.0
-"""A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
+"""Longest wait for a reader's end: it checks `stop` at least every 50 ms; one that does not is left
+to die as a daemon."""
 
 _log = logging.getLogger(__name__)
 
@@ -33,10 +35,10 @@ C = TypeVar("C", bound=DeviceCore)
 
 
 class ReaderMixin(ABC, Generic[C]):
-    """The thread that reads an operator device, and opens it again when it is lost.
+    """Reader thread of an operator device, which reopens a lost device.
 
-    A device names it before :class:`OperatorDevice`, whose calls it answers from the core. The
-    options have `wait_for_device`: open() succeeds without a device.
+    A driver lists it before :class:`OperatorDevice`, whose calls it answers from the core. With the
+    option `wait_for_device` open() succeeds without a device.
     """
 
     # Of the device.
@@ -55,30 +57,31 @@ class ReaderMixin(ABC, Generic[C]):
         self._opening = threading.RLock()
         """Held while it is opened or closed: one thread at a time. The reader never takes it."""
         self._lock = threading.Lock()
-        """Guards the core, for some µs at a time."""
+        """Guards the core, for a few µs at a time."""
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._closes_itself = False
-        """close() was called by the reader, which then ends as soon as it can."""
+        """True: close() was called by the reader, which then ends as soon as it can."""
         self._ending: threading.Thread | None = None
-        """A reader that did not stop in time: it still holds the device."""
+        """Reader that did not stop in time, and still holds the device."""
 
-    # -- what drivers implement ----------------------------------------------------------------
+    # -- defined by drivers ---------------------------------------------------------------------
 
     @abstractmethod
     def _connect(self) -> None:
-        """Open the device and tell the core, under the lock. Raises DriverError."""
+        """Open the device and report it to the core, under the lock. Raises DriverError."""
 
     @abstractmethod
     def _serve(self, stop: threading.Event) -> None:
-        """Read the open device until `stop` is set, or OSError: it is gone.
+        """Read the open device until `stop` is set.
 
-        Looks at `stop` at least every 50 ms; calls `_notify()` after input.
+        Raises OSError once the device is gone. Check `stop` at least every 50 ms; call `_notify()`
+        after input.
         """
 
     @abstractmethod
     def _release(self) -> None:
-        """Close what `_connect` opened, wholly or in part. Never raises; closing twice is fine."""
+        """Close all that `_connect` has opened. Never raises; closing twice is fine."""
 
     # -- the interface -------------------------------------------------------------------------
 
@@ -126,9 +129,9 @@ class ReaderMixin(ABC, Generic[C]):
         give_up_in_children(self)
 
     def close(self) -> None:
-        """Stop reading and release the device. Never raises; from any thread."""
+        """Stop reading and release the device, from any thread. Never raises."""
         if threading.current_thread() is self._thread:
-            self._stop.set()  # It ends once it comes back to its loop: a thread cannot join itself.
+            self._stop.set()  # The reader ends by itself: no thread can join itself.
             self._closes_itself = True
             return
         with self._opening:
@@ -142,7 +145,7 @@ class ReaderMixin(ABC, Generic[C]):
             self._end(thread)
 
     def _end(self, thread: threading.Thread) -> None:
-        """Mark it closed if `thread` still was its reader, and wake waiters for a state."""
+        """Mark the device closed if `thread` still is its reader, and wake waiters for a state."""
         with self._lock:
             if self._thread is not thread:
                 return
@@ -152,9 +155,10 @@ class ReaderMixin(ABC, Generic[C]):
         self._notify()
 
     def after_fork(self) -> None:
-        """Close the device in a forked child: it stays the parent's, whose reader is not here."""
+        """Close the device in a forked child: it belongs to the parent, and its reader is not
+        here."""
         thread = self._thread
-        vars(self).pop("_changed", None)  # A thread of the parent's may hold it.
+        vars(self).pop("_changed", None)  # A thread of the parent may hold it.
         self._opening, self._lock = threading.RLock(), threading.Lock()
         self._ending = None
         if thread is not None:
@@ -162,27 +166,23 @@ class ReaderMixin(ABC, Generic[C]):
             self._end(thread)
 
     def state(self) -> DeviceState:
-        """The newest state."""
         with self._lock:
             return self._core.state(time.monotonic())
 
     def button_events(self) -> Sequence[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
         with self._lock:
             return self._core.events()
 
     def metrics(self) -> dict[str, float]:
-        """Live figures by name."""
         with self._lock:
             return self._core.metrics(time.monotonic())
 
     def protocol_errors(self) -> dict[str, int]:
-        """Reports that mean nothing, by kind."""
+        """Reports that could not be decoded, by kind."""
         with self._lock:
             return self._core.protocol_errors()
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
         with self._lock:
             return tuple(self._core.diagnosis(time.monotonic()))
 
@@ -194,7 +194,7 @@ class ReaderMixin(ABC, Generic[C]):
         return self._thread is not None
 
     def _check_open(self, call: str) -> None:
-        """Raise NotOpenError unless it is between open() and close(), which `call` needs."""
+        """Raise NotOpenError, naming `call`, unless it is between open() and close()."""
         if not self._opened:
             if self._in_child:
                 raise NotOpenError(f"the {self._kind} is not open in this process: {IN_CHILD}")
@@ -205,8 +205,8 @@ class ReaderMixin(ABC, Generic[C]):
         arrivals: HotplugMonitor | None = None
         try:
             while not stop.is_set():
-                # The device is tried again after any exception of a system's library: a reader
-                # that died would never report it.
+                # The device is tried again after any exception of a system library: a reader that
+                # died would never report it.
                 if not connected:
                     try:
                         self._connect()
@@ -239,7 +239,7 @@ class ReaderMixin(ABC, Generic[C]):
                 self._end(threading.current_thread())
 
     def _lose(self, reason: str) -> None:
-        # Neutral first: releasing a device may take its time.
+        # Neutral first: releasing a device may take time.
         with self._lock:
             self._core.on_lost(reason, time.monotonic())
         self._notify()
@@ -248,12 +248,12 @@ class ReaderMixin(ABC, Generic[C]):
     def _let_go(self) -> None:
         try:
             self._release()
-        except Exception:  # Of a system's library: the device is tried again all the same.
+        except Exception:  # From a system library: the device is tried again all the same.
             _log.exception("the %s was not closed in good order", self._kind)
 
 
 class ReadDevice(ReaderMixin[C], OperatorDevice):
-    """An operator device that a thread of its own reads, and opens again when it is lost."""
+    """Operator device read by a thread of its own, and reopened when it is lost."""
 
 
 def _words(error: Exception) -> str:

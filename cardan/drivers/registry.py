@@ -28,19 +28,19 @@ BUILT_IN = {
     "ros2": "cardan.drivers.ros2_arm:Ros2Arm",
     "sim_arm": "cardan.drivers.sim_arm:SimArm",
 }
-"""Our own drivers. Other packages add theirs by an entry point of the same form."""
+"""Cardan's own drivers. Other packages add theirs by entry points of the same form."""
 
 
 @dataclass(frozen=True)
 class DriverTable(Options):
-    """A driver's name; all other keys of the table are that driver's options."""
+    """Table with a driver's name; all other keys are that driver's options."""
 
     driver: str
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
     @classmethod
     def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
-        """The options of the table's driver; None where that cannot be loaded."""
+        """Options class of the table's driver; None if the driver cannot be loaded."""
         return FINDER.options_of(table.get("driver", ""))
 
 
@@ -54,7 +54,7 @@ names, packages, load_all, using = FINDER.names, FINDER.packages, FINDER.load_al
 
 
 def load(name: str) -> type[Driver]:
-    """The driver class called `name`; ConfigurationError names the ones there are."""
-    if not isinstance(name, str):  # Read the installed drivers for the message only.
+    """Return the driver class called `name`. Raises ConfigurationError with the known names."""
+    if not isinstance(name, str):  # The installed drivers are read for the message only.
         require(False, "driver", name, f"one of {', '.join(names())}")
     return FINDER.load(name)

@@ -1,7 +1,7 @@
-"""Base of robot drivers: open, close, the one loop, and checks of commands.
+"""Base of robot drivers: open, close, the control loop, and checks of commands.
 
-A driver for another controller is a :class:`LoopingRobot` with its transport, around a session
-without sockets, clocks and threads that knows the protocol.
+A driver of another controller is a :class:`LoopingRobot` with a transport, around a session that
+implements the protocol without sockets, clocks and threads.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from cardan.types import (
 )
 
 WAKE_S: Final = 0.1
-"""A silent robot is reported at least this often (contract of `RobotDriver.cycles`)."""
+"""Longest period between reports of a silent robot (contract of `RobotDriver.cycles`)."""
 
 
 class RobotSession(Protocol):
-    """Interface of a driver to the session with its controller."""
+    """Interface between a driver and the session with its controller."""
 
     @property
     def capabilities(self) -> RobotCapabilities: ...
@@ -51,19 +51,19 @@ class RobotSession(Protocol):
 SessionT = TypeVar("SessionT", bound=RobotSession)
 
 JUMP_SHARE: Final = 2.0
-"""Share of each joint's speed limit above which a measured joint is rejected as implausible."""
+"""Multiple of each joint's speed limit above which a measured joint is implausible."""
 
 JUMP_NOISE_RAD: Final = 0.05
-"""Tolerance added to that (m for a prismatic joint): readings may come late or early."""
+"""Tolerance added to that (m for a prismatic joint): measurements may come late or early."""
 
 
 class LoopMixin(ABC, Generic[SessionT]):
-    """One loop at a time, which leaves the robot safe however it ends.
+    """Control loop, one at a time, which leaves the robot safe however it ends.
 
-    A driver names it before :class:`RobotDriver`, and defines `_acquire` and `_release`, the loop
+    A driver lists it before :class:`RobotDriver`, and defines `_acquire` and `_release`, the loop
     in `_states`, and in `_leave` how the robot is brought to rest. `_leave` is called once for each
-    loop: when its generator ends or is closed, or by `close`, which lets a loop in another thread
-    come to its end first.
+    loop: when its generator ends or is closed, or by `close`, which first waits for the end of a
+    loop in another thread.
     """
 
     # Of the driver.
@@ -80,11 +80,11 @@ class LoopMixin(ABC, Generic[SessionT]):
         super().__init__(options, **keywords)  # type: ignore[call-arg]  # RobotDriver's
         self._open = False
         self._in_child = False
-        """Whether it was open in the process that this one was forked from."""
+        """True if it was open in the parent process at a fork."""
         self._opening = threading.RLock()
         """Held while it is opened or released: one thread at a time."""
         self._loop = 0
-        """Counts calls of `cycles` and `close`; only the newest loop goes on."""
+        """Count of calls of `cycles` and `close`; only the newest loop continues."""
         self._loop_thread = 0
         self._loop_ended = threading.Event()
         self._loop_ended.set()
@@ -99,7 +99,7 @@ class LoopMixin(ABC, Generic[SessionT]):
 
     @abstractmethod
     def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        """Yield the states of `cycles` while `_loop` is `loop`, inside of `_looping(loop)`."""
+        """Yield the states of `cycles` while `_loop` is `loop`, inside `_looping(loop)`."""
 
     @abstractmethod
     def _leave(self) -> None:
@@ -107,18 +107,18 @@ class LoopMixin(ABC, Generic[SessionT]):
 
     @abstractmethod
     def _leave_within_s(self) -> float:
-        """Longest time in which a loop in another thread sees that it is over, s."""
+        """Longest time until a loop in another thread notices its end, s."""
 
     @abstractmethod
     def _now_s(self) -> float:
-        """The time of the session's stamps."""
+        """Time of the session's stamps, s."""
 
     def _forget(self) -> None:
-        """Close what `_acquire` opened in a forked child, without a message to the controller."""
+        """Close in a forked child what `_acquire` opened, without a message to the controller."""
 
     @property
     def session(self) -> SessionT:
-        """The state of the protocol, with its counters; a new one with every open()."""
+        """State of the protocol, with its counters; a new one with every open()."""
         return self._session
 
     @property
@@ -137,7 +137,7 @@ class LoopMixin(ABC, Generic[SessionT]):
             return
         self._loop += 1
         if self._loop_thread != threading.get_ident():
-            # The loop in another thread sees that when it wakes up.
+            # A loop in another thread notices that when it wakes up.
             self._loop_ended.wait(self._leave_within_s())
         with self._opening:
             if self._open:
@@ -147,7 +147,7 @@ class LoopMixin(ABC, Generic[SessionT]):
                 self._release()
 
     def after_fork(self) -> None:
-        """In a forked child the robot stays the parent's: its loop ends, and nothing is sent."""
+        """End the loop in a forked child without a message: the robot belongs to the parent."""
         if self._open:
             self._open, self._in_child = False, True
             self._loop += 1
@@ -173,7 +173,7 @@ class LoopMixin(ABC, Generic[SessionT]):
 
     @contextlib.contextmanager
     def _looping(self, loop: int) -> Iterator[None]:
-        """Around the loop: notes that it runs, and leaves the robot when it ends."""
+        """Context of the loop: records that it runs, and leaves the robot when it ends."""
         self._loop_thread = threading.get_ident()
         self._loop_ended.clear()
         try:
@@ -192,17 +192,17 @@ class LoopMixin(ABC, Generic[SessionT]):
 
 
 class LoopingRobot(LoopMixin[SessionT], RobotDriver):
-    """A driver with one loop at a time, which leaves the robot safe however it ends."""
+    """Driver with one loop at a time, which leaves the robot safe however it ends."""
 
 
 def counts(counters: Any) -> dict[str, float]:
-    """The numbers of a dataclass by their names, for `metrics`; what is no number is left out."""
+    """Return the numbers of a dataclass by name, for `metrics`; other fields are left out."""
     found = ((each.name, getattr(counters, each.name)) for each in fields(counters))
     return {name: float(value) for name, value in found if isinstance(value, (int, float))}
 
 
 def wrong_kind(who: str, command: object, kinds: Collection[CommandKind]) -> CommandError:
-    """Make the error of a command of a kind that is not among `kinds`."""
+    """Make the error for a command of a kind that is not among `kinds`."""
     kind = getattr(command, "kind", None)
     name = kind.value if isinstance(kind, CommandKind) else shown(command)
     allowed = ", ".join(sorted(kind.value for kind in kinds))
@@ -210,7 +210,7 @@ def wrong_kind(who: str, command: object, kinds: Collection[CommandKind]) -> Com
 
 
 def check_command(who: str, command: RobotCommand, check: Callable[[RobotCommand], None]) -> None:
-    """`check(command)`; parts that are not what their annotations say are a CommandError, too."""
+    """Call `check(command)`; values that contradict their annotations raise CommandError, too."""
     try:
         check(command)
     except _NOT_SUCH as error:
@@ -225,13 +225,11 @@ def _cannot(who: str, command: RobotCommand, error: Exception) -> CommandError:
 
 
 def outside(name: str, values: Sequence[float], allowed: Range) -> str:
-    """Explain why `values` are not plausible; empty: all are in `allowed`.
-
-    `allowed` reaches as far below zero as above.
-    """
+    """Explain why `values` are implausible; empty: all are in `allowed`, a range symmetric about
+    zero."""
     largest = allowed.highest
     with contextlib.suppress(TypeError):
-        # The usual case first; NaN is not below anything.
+        # The usual case first; comparisons with NaN are false.
         if sum(map(abs, values)) <= largest or all(abs(value) <= largest for value in values):
             return ""
     return f"{name}: {tuple(values)}; every value must be finite, and {allowed}: {allowed.reason}"
@@ -275,10 +273,10 @@ def jump(
     continuous: Sequence[bool],
     time_s: float,
 ) -> tuple[int, float] | None:
-    """Which joint cannot have come from `before` to `joints` within `time_s`, and how far away it
-    is, rad or m; None: all can. Whole turns of `continuous` joints are no way."""
+    """Find a joint that cannot have moved from `before` to `joints` within `time_s`, and its
+    distance, rad or m; None if all can. Whole turns of `continuous` joints do not count."""
     share = JUMP_SHARE * time_s
-    # The usual case: no joint has gone farther than all of them together.
+    # The usual case: no joint has moved farther than all of them together.
     alike = share >= 0.0 and len(joints) == len(before)
     if alike and math.dist(joints, before) <= JUMP_NOISE_RAD:
         return None
@@ -319,11 +317,11 @@ def check_numbers(
 def check_joints(
     who: str, command: RobotCommand, kinds: Collection[CommandKind], joints: int
 ) -> None:
-    """Raise CommandError for a command that is not of `kinds`, not for as many joints, or has
-    numbers that no robot can take."""
+    """Raise CommandError for a command that is not of `kinds`, has another number of joints, or
+    numbers that no robot can execute."""
     try:
         if type(command) is JointCommand:
-            # The usual case, by their length, which a NaN does not pass.
+            # The usual case by the norm, which a NaN does not pass.
             positions, speeds, axes, kind = command
             if (
                 kind in kinds
@@ -345,8 +343,8 @@ _POSITIONS, _SPEEDS = JOINT_POSITION.highest, JOINT_VELOCITY.highest
 def joint_values(
     who: str, command: RobotCommand, kinds: Collection[CommandKind]
 ) -> Sequence[tuple[str, tuple[float, ...], Range]]:
-    """The numbers of a command to joints, each with its name and what any robot can take; a hold
-    has none.
+    """Return the numbers of a command to joints, each with its name and plausible range; a hold has
+    none.
 
     Raises CommandError for a kind that is not among `kinds`, and for external axes.
     """

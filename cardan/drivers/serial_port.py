@@ -9,7 +9,7 @@ from typing import Any
 
 try:
     from termios import error as TerminalError  # noqa: N812
-except ImportError:  # where there are no terminals
+except ImportError:  # on systems without terminals
 
     class TerminalError(Exception):  # type: ignore[no-redef]
         """Never raised."""
@@ -22,11 +22,10 @@ WAIT_S = 0.02
 
 
 class SerialPort:
-    """An open serial port: 8 data bits, no parity, ours alone; RTS and DTR are up, which power
-    some devices.
+    """Exclusively opened serial port: 8 data bits, no parity; RTS and DTR are up, which power some
+    devices.
 
-    Raises DeviceNotFoundError where there is nothing at `path`, DeviceAccessError where it cannot
-    be opened.
+    Raises DeviceNotFoundError if nothing is at `path`, DeviceAccessError if it cannot be opened.
     """
 
     def __init__(self, path: str, baud: int, *, stop_bits: int = 1) -> None:
@@ -37,8 +36,7 @@ class SerialPort:
                 f"the package pyserial cannot be imported ({error}): pip install pyserial"
             ) from None
         try:
-            # No flow control: CTS is not wired in every cable, and waiting for it would be for
-            # ever.
+            # No flow control: not every cable wires CTS, and waiting for it would never end.
             self._port: Any = serial.Serial(
                 path,
                 baud,
@@ -65,29 +63,29 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send `data`. Raises OSError once the port is gone, or when it takes nothing."""
+        """Send `data`. Raises OSError once the port is gone, or if it accepts nothing."""
         try:
             self._port.write(data)
         except (OSError, TerminalError) as error:
             raise _gone(error) from None
 
     def fileno(self) -> int:
-        """File descriptor for `select`, where the system has serial ports as files."""
+        """File descriptor for `select`, if the system has serial ports as files."""
         return int(self._port.fileno())
 
     def close(self) -> None:
-        """Close the port, which takes a device's power. Never raises; twice is fine."""
+        """Close the port, which cuts a device's power. Never raises; closing twice is fine."""
         with contextlib.suppress(OSError, TerminalError):
             self._port.close()
 
 
 def _gone(error: Exception) -> OSError:
-    # pyserial's own words for it speak of file descriptors.
+    # pyserial's message would mention file descriptors.
     return OSError(_number_of(error) or errno.ENODEV, "the port is gone")
 
 
 def _number_of(error: BaseException | None) -> int | None:
-    """The system's number of an error; a terminal's has it as its first argument only."""
+    """Return the error number of an exception; a terminal's has it only as its first argument."""
     if isinstance(error, TerminalError) and error.args:
         return int(error.args[0])
     return getattr(error, "errno", None)

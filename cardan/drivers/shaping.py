@@ -1,4 +1,4 @@
-"""Shaping of deflections: dead zone, response curve, locks, dominance."""
+"""Shaping of deflections: dead zone, response curve, locks, dominant axis."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cardan.common.options import Options
 from cardan.types import NEUTRAL as NEUTRAL, Axes as Axes
 
 Deflections = tuple[float, float, float, float, float, float]
-"""Axes while they are computed, without their names."""
+"""Axes during the computation, as a plain tuple."""
 Triple = tuple[float, float, float]
 
 _ZERO: Triple = (0.0, 0.0, 0.0)
 
 DOMINANCE_MARGIN = 1.1
-"""Factor of deflection from which another axis takes over: no flutter between two."""
+"""Ratio of deflections at which the dominant axis changes: no flutter between two."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,19 +27,19 @@ class ShapingOptions(Options):
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
     dead_zone_shape: Literal["axis", "radial"] = "axis"
-    """axis: each axis by itself; radial: the lengths of translation and rotation."""
+    """axis: dead zone per axis; radial: by the norms of translation and rotation."""
     curve: Annotated[float, bounds.SHARE_OR_NONE] = 0.0
-    """Response: 0 linear to 1 cubic, which gives fine control near rest."""
+    """Response curve: 0 linear to 1 cubic, which gives fine control near rest."""
     translation: bool = True
     """False: translation is locked at zero."""
     rotation: bool = True
     """False: rotation is locked at zero."""
     dominant_axis: bool = False
-    """Only the axis that is deflected most acts."""
+    """True: only the axis with the largest deflection acts."""
 
 
 class Shaper:
-    """Shapes six deflections in -1..1; the result is continuous and in -1..1, too."""
+    """Shaping of six deflections in -1..1; the result is continuous and in -1..1, too."""
 
     def __init__(self, options: ShapingOptions) -> None:
         self._dead = options.dead_zone
@@ -53,7 +53,7 @@ class Shaper:
         self._leader = 0
 
     def __call__(self, axes: Deflections) -> Axes:
-        """The shaped deflections."""
+        """Return the shaped deflections."""
         shaped = self._shape(axes)
         if not self._translation:
             shaped = (0.0, 0.0, 0.0, *shaped[3:])

@@ -1,6 +1,6 @@
-"""Declaration of the options with which a driver reaches simulated hardware only.
+"""Declaration of the options with which a driver reaches only simulated hardware.
 
-A demo moves a robot unattended, so it runs only drivers that are declared here::
+A demo moves a robot unattended, so it runs only drivers with such a declaration::
 
     class MyRobot(RobotDriver):
         simulated = ({"transport": ("tcp",), "host": LOOPBACK, "port": OWN},)
@@ -36,11 +36,11 @@ class Only(enum.Enum):
 OWN, LOOPBACK, LAUNCHED = Only
 
 Way = Mapping[str, Only | tuple[object, ...]]
-"""Options by name, and what each must be: one of these, or one of several values."""
+"""Options by name, each with its only allowed value, or one of several."""
 
 
 def stays_here(text: object) -> bool:
-    """Whether a host, or HOST:PORT, is one that only this computer has; None, no host, is."""
+    """True if a host, or HOST:PORT, is only on this computer; also for None (no host)."""
     if text is None:
         return True
     host = str(text)
@@ -48,7 +48,7 @@ def stays_here(text: object) -> bool:
 
 
 def is_elsewhere(text: str) -> bool:
-    """Whether a text is an IP address, with a port or not, that other computers may have."""
+    """True for an IP address, with or without a port, that other computers may have."""
     host = text.partition(":")[0] if text.count(":") == 1 else text
     try:
         address = ipaddress.ip_address(host.strip("[]"))
@@ -60,10 +60,11 @@ def is_elsewhere(text: str) -> bool:
 def why_not_simulated(
     driver: Any, options: Any, own: Callable[[str], bool], *, launched: bool, needs_own: bool = True
 ) -> tuple[str, str]:
-    """The option by which `driver` may reach hardware, and why; both empty: it reaches none.
+    """Return the option by which `driver` may reach hardware, and the reason; both empty if it
+    cannot.
 
-    `own` says of an option whether the demo gives it a value of its own, `launched` whether the
-    device is inside the demo's launcher.
+    `own` tells whether the demo gives an option a value of its own, `launched` whether the device
+    is inside the demo's launcher.
     """
     values = {each.name: getattr(options, each.name) for each in dataclasses.fields(options)}
     for name, value in values.items():
@@ -99,7 +100,7 @@ def why_not_simulated(
 def _why_strictly_not(
     values: Mapping[str, object], own: Callable[[str], bool], needs_own: bool
 ) -> tuple[str, str]:
-    """The same of a driver that declares no ways."""
+    """Return the same for a driver without a declaration."""
     declare = "its driver may declare the option harmless (`simulated`)"
     for name, value in values.items():
         if not own(name) and not all(not text or stays_here(text) for text in _texts(value)):
@@ -113,7 +114,7 @@ def _why_strictly_not(
 
 
 def _texts(value: object) -> Iterator[str]:
-    """The texts in a value."""
+    """Yield the texts in a value."""
     if isinstance(value, enum.Enum):
         yield from _texts(value.value)
     elif isinstance(value, (str, PurePath)):
@@ -132,7 +133,7 @@ def _texts(value: object) -> Iterator[str]:
 
 
 def _is_host(options: Any, name: str) -> bool:
-    """Whether the annotation of an option says that it is a host."""
+    """True if the annotation of an option marks it as a host."""
     hint = hints(options.__class__).get(name)
     notes = (*getattr(hint, "__metadata__", ()),)
     for inner in getattr(hint, "__args__", ()):

@@ -1,6 +1,6 @@
 """Drivers of controllers with several TCP connections.
 
-A :class:`TcpSession` has the protocol, without sockets, clocks and threads; a :class:`TcpRobot`
+:class:`TcpSession` implements the protocol without sockets, clocks and threads; :class:`TcpRobot`
 around it has the sockets and the loop.
 """
 
@@ -30,20 +30,20 @@ from cardan.types import (
 
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 2.0
 STEADY_S = 5.0
-"""Duration after which a lost connection is tried again soon: two programs that take a port's only
-connection from each other would otherwise do so for ever."""
+"""Shortest life of a connection that is retried soon after its loss: two programs would otherwise
+take a port's only connection from each other forever."""
 
 _RECEIVE_BYTES = 65536
 _LONGEST_WAIT_S = 0.05
 """Longest wait on the sockets, and so the longest delay of another thread's request."""
 _CONNECT_TIMEOUT_S = 2.0
 _LEAVE_S = 1.5
-"""Time beside the ramp for the controller's answers to the requests that end motion."""
+"""Time besides the ramp for the controller's answers to the requests that end motion."""
 _BACKLOG_BYTES = 16 * 1024
-"""Unsent bytes at which a connection that takes no more data is given up."""
+"""Unsent bytes at which a connection that accepts no more data is closed."""
 
 _SELECT_MAX = 1024
-"""select() takes no higher file numbers; poll() would, but waits whole milliseconds only."""
+"""Limit of file descriptors in select(); poll() has none, but waits whole milliseconds only."""
 
 _monotonic = time.monotonic
 
@@ -52,7 +52,7 @@ TaskT = TypeVar("TaskT", bound=str)
 
 
 class ConnectionState:
-    """State of a connection: whether it is up, since when, and when to retry."""
+    """Connection state: whether it is up, since when, and when to retry."""
 
     def __init__(self) -> None:
         self.up = False
@@ -61,7 +61,7 @@ class ConnectionState:
         self.retry_s = NEVER_S
         self.since_s = NEVER_S
         self.count = 0
-        """Number of times that it has been up."""
+        """Count of connections made."""
         self._backoff_s = SHORTEST_BACKOFF_S
 
     def opened(self, now_s: float) -> None:
@@ -81,15 +81,15 @@ class ConnectionState:
 class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
     """Protocol session with one robot on one controller, sans I/O.
 
-    The shell connects what `wants` says, passes on what comes and goes (`connected`, `received`,
-    `disconnected`, `connect_failed`), calls `advance` when `next_s` has come, sends what
-    `outgoing` gives, one item at a time, and drops what `closing` names. Each state that
-    `due_state` gives is answered by one `command`. All times are local monotonic seconds.
+    The driver connects the channels for which `wants` is true, reports events (`connected`,
+    `received`, `disconnected`, `connect_failed`), calls `advance` at `next_s`, sends the items of
+    `outgoing` one by one, and closes the channels in `closing`. Each state from `due_state` is
+    answered by one `command`. All times are local monotonic, s.
     """
 
     def __init__(self, channels: Iterable[ChannelT]) -> None:
         self.losses = 0
-        """Times that the controller fell silent."""
+        """Count of the controller's silences."""
         self._links: dict[ChannelT, ConnectionState] = {
             name: ConnectionState() for name in channels
         }
@@ -97,13 +97,13 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         """Messages to send, in order."""
         self._closing: list[ChannelT] = []
         self._said_s = NEVER_S
-        """Time and link of the last state given."""
+        """Time and link of the last returned state."""
         self._said_link: RobotLink | None = None
 
     @property
     @abstractmethod
     def reply_pending(self) -> bool:
-        """The state given last takes a command, and got none yet."""
+        """True if the last returned state takes a command, and has none yet."""
 
     @property
     @abstractmethod
@@ -113,12 +113,12 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
     @property
     @abstractmethod
     def left(self) -> bool:
-        """Whether what `leave` began has ended."""
+        """True once what `leave` began has ended."""
 
     @property
     @abstractmethod
     def braking_s(self) -> float:
-        """The longest ramp from full speed to rest, s."""
+        """Longest ramp from full speed to rest, s."""
 
     # -- connections ------------------------------------------------------------------------------
 
@@ -128,21 +128,21 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
 
     @abstractmethod
     def connected(self, channel: ChannelT, now_s: float) -> None:
-        """A connection stands."""
+        """Record an established connection."""
 
     def connect_failed(self, channel: ChannelT, reason: str, now_s: float) -> None:
-        """No connection could be made."""
+        """Record a failed attempt to connect."""
         self._links[channel].lost(reason, now_s)
 
     def disconnected(self, channel: ChannelT, reason: str, now_s: float) -> None:
-        """A connection was closed from the other side, or broke."""
+        """Record a connection closed by the other side, or broken."""
         if self._links[channel].up:
             self._out = [item for item in self._out if item[0] != channel]
             self._lost(channel, reason, now_s)
 
     @abstractmethod
     def _lost(self, channel: ChannelT, reason: str, now_s: float) -> None:
-        """A connection that stood is down: note it in `_links`, and what it means."""
+        """Record in `_links` that an established connection is down, and react."""
 
     def _drop(self, channel: ChannelT, reason: str, now_s: float) -> None:
         """Close a connection that cannot be trusted, or is not needed."""
@@ -151,7 +151,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
             self.disconnected(channel, reason, now_s)
 
     def closing(self) -> list[ChannelT]:
-        """Connections to close now; they count as disconnected already."""
+        """Return connections to close now; they count as disconnected already."""
         found = self._closing
         if found:
             self._closing = []
@@ -165,7 +165,8 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         return found
 
     def _retry_before(self, found_s: float, advanced_s: float) -> float:
-        """`found_s`, or the sooner time of a connection's next attempt after `advanced_s`."""
+        """Return `found_s`, or the earlier time of a connection's next attempt after
+        `advanced_s`."""
         for link in self._links.values():
             if found_s > link.retry_s > advanced_s and not link.up:
                 found_s = link.retry_s
@@ -173,7 +174,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
 
     @abstractmethod
     def received(self, channel: ChannelT, data: bytes, now_s: float) -> None:
-        """Take what TCP delivered."""
+        """Process bytes from TCP."""
 
     # -- the control loop -------------------------------------------------------------------------
 
@@ -183,29 +184,29 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
 
     @abstractmethod
     def due_state(self, now_s: float) -> RobotState | None:
-        """The state to report now; None while nothing is new."""
+        """Return the state to report now; None while nothing is new."""
 
     @abstractmethod
     def command(self, command: RobotCommand, now_s: float) -> None:
-        """Answer the state last given; without effect where that takes no command.
+        """Answer the last returned state; no effect if it takes no command.
 
         Raises CommandError for a kind or shape that the robot cannot take; nothing is sent then.
         """
 
     @abstractmethod
     def ask(self, task: TaskT, now_s: float) -> None:
-        """Do one of the tasks that only the application may request."""
+        """Execute a task that only the application may request."""
 
     @abstractmethod
     def leave(self, now_s: float) -> None:
-        """Brake, and end what the driver began: the application ends its loop."""
+        """Brake, and end the driver's mode and program: the application ends its loop."""
 
 
 TcpSessionT = TypeVar("TcpSessionT", bound=TcpSession[Any, Any])
 
 
 def _begin_to_connect(sock: socket.socket, address: Any) -> None:
-    """Begin to connect to the controller, without waiting for it. Raises OSError."""
+    """Begin to connect to the controller, without waiting. Raises OSError."""
     if sock.fileno() >= _SELECT_MAX:
         raise OSError(errno.EMFILE, "this process has too many files open")
     sock.setblocking(False)
@@ -217,7 +218,7 @@ def _begin_to_connect(sock: socket.socket, address: Any) -> None:
 
 
 class TcpConnection:
-    """A socket, from the attempt to connect on."""
+    """Socket from the attempt to connect on."""
 
     def __init__(self, sock: socket.socket, now_s: float) -> None:
         self.socket = sock
@@ -227,11 +228,11 @@ class TcpConnection:
 
 
 class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, ChannelT, TaskT]):
-    """A driver of a controller with several TCP ports.
+    """Driver of a controller with several TCP ports, in a single thread: `cycles` waits on the
+    sockets, `send` answers.
 
-    A single thread does it all: `cycles` waits on the sockets, `send` answers. If the application
-    does not answer a state, the driver answers with a hold; leaving the loop and `close` brake the
-    robot along a ramp. A driver defines `channels`, `_make_session` and `_port`.
+    If the application does not answer a state, the driver answers with a hold; leaving the loop and
+    `close` brake the robot along a ramp. A driver defines `channels`, `_make_session` and `_port`.
     """
 
     channels: ClassVar[tuple[Any, ...]]
@@ -242,17 +243,17 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
         self._session = self._make_session()
         self._links: dict[ChannelT, TcpConnection] = {}
         self._behind = False
-        """A connection has not taken everything yet."""
+        """True while a connection has not accepted all data."""
         self._address = ""
         self._tasks: deque[TaskT] = deque()
 
     @abstractmethod
     def _make_session(self) -> TcpSessionT:
-        """A new session, from `self.options`."""
+        """Make a new session from `self.options`."""
 
     @abstractmethod
     def _port(self, channel: ChannelT) -> int:
-        """The port of a channel."""
+        """Return the port of a channel."""
 
     # -- opening and closing ----------------------------------------------------------------------
 
@@ -290,13 +291,13 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
             return
         with self._looping(loop):
             while self._loop == loop:
-                # Between an answer and the next state there is time for all but that state.
+                # Only this state is due between an answer and the next state.
                 self._turn(session, _monotonic())
                 self._wait(session, _LONGEST_WAIT_S)
                 now_s = _monotonic()
                 session.advance(now_s)
                 state = session.due_state(now_s)
-                if not session.reply_pending:  # Else with the answer.
+                if not session.reply_pending:  # Otherwise sent with the answer.
                     self._flush(session)
                 if state is not None:
                     yield state
@@ -315,8 +316,8 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
         self._flush(session)
 
     def _wait(self, session: TcpSessionT, longest_s: float) -> None:
-        """Wait until something comes or is due, and take what came; what answers it is sent with
-        what is due."""
+        """Wait until data or a deadline comes, and process the data; answers are sent with what is
+        due."""
         links = self._links
         timeout_s = session.next_s - _monotonic()
         if timeout_s > longest_s:
@@ -343,13 +344,11 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
                 self._receive(session, channel, link)
 
     def send(self, command: RobotCommand) -> None:
-        """Answer the state last yielded; without effect where that takes no command."""
         session = self._require_open()
         session.command(command, _monotonic())
         self._flush(session)
 
     def _leave(self) -> None:
-        """Brake, end what was begun, and wait for the controller's answer; never for long."""
         session = self._session
         deadline_s = _monotonic() + _LEAVE_S + session.braking_s
         session.leave(_monotonic())
@@ -406,7 +405,7 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
             self._lost(session, channel, "the controller closed it")
 
     def _flush(self, session: TcpSessionT) -> None:
-        """Send what is to be sent: each message by a send of its own, as MotoROS needs it."""
+        """Send pending messages, each by a send of its own, as MotoROS needs it."""
         for channel in session.closing():
             self._cut(channel)
         if self._behind:
@@ -435,7 +434,7 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
                 self._lost(session, channel, "the controller takes nothing any more")
 
     def _catch_up(self, session: TcpSessionT) -> None:
-        """Send more of what a connection did not take at once."""
+        """Send more of the data that a connection did not accept at once."""
         for channel, link in tuple(self._links.items()):
             if link.backlog and not link.connecting:
                 self._push(session, channel, link)
@@ -461,5 +460,5 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
     # -- requests of the application --------------------------------------------------------------
 
     def _ask(self, task: TaskT) -> None:
-        """Have the loop do a task."""
+        """Queue a task for the loop."""
         self._tasks.append(task)

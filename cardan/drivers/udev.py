@@ -1,4 +1,4 @@
-"""The udev rules that let the user at the console open the devices that drivers declare."""
+"""udev rules that let the user at the console open the devices that drivers declare."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ACCESS = ', MODE="0660", TAG+="uaccess"'
 
 
 def udev_rules() -> str:
-    """The rules as text: one file for the devices of all drivers."""
+    """Return the rules as text: one file for the devices of all drivers."""
     text = _HEAD
     found = registry.load_all()
     for name, why in found.refused.items():

@@ -1,1 +1,1 @@
-"""An arm's file made of a vendor's URDF, and what is tried and drawn of the arm."""
+"""Creation of an arm's file from a vendor's URDF, with trials and pictures of the arm."""

@@ -1,4 +1,4 @@
-"""Makes an arm's TOML of a URDF, and says what is taken from where."""
+"""Creation of an arm's TOML from a URDF, with a report of the origin of each value."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from cardan.robots.urdf import Tree, read_tree
 from cardan.robots.xacro_file import DESCRIPTIONS, is_xacro, read_description
 
 FEW_JOINTS_TASK = (1.0, 1.0, 1.0, 0.05, 0.05, 0.05)
-"""Weights of an arm that has too few joints for all six directions: as ASIBOT's."""
+"""Task weights of an arm with too few joints for all six directions: ASIBOT's."""
 
 
 class Published(NamedTuple):
-    """A URDF that is no file yet."""
+    """URDF text that is not yet a file."""
 
     text: str
     name: str
     """Name of the description in error messages."""
     origin: str
-    """Origin of the description, in words."""
+    """Origin of the description, for the report."""
 
 
 class Covered(NamedTuple):
-    """A mesh of a link, and what covers it."""
+    """A link's mesh and its collision shapes."""
 
     link: str
     fit: Fit
 
 
 class Added(NamedTuple):
-    """An arm's file, before it is written, and what it is made of."""
+    """Text of an arm's file before it is written, and its inputs."""
 
     path: Path
     text: str
@@ -58,11 +58,11 @@ class Added(NamedTuple):
     proposals: tuple[Proposal, ...]
     covered: tuple[Covered, ...]
     stored: tuple[Path, Published] | None = None
-    """A URDF that becomes a file, and which."""
+    """File to save a URDF text in, and the text."""
     has_home: bool = False
-    """Whether that is the description's own."""
+    """True if the home posture is the description's own."""
     given: tuple[str, ...] = ()
-    """Joints of which the caller gave limits."""
+    """Joints whose limits the caller gave."""
 
     def report(self) -> list[tuple[str, str]]:
         """Return the parts of the arm and the origin of each, in words."""
@@ -108,7 +108,7 @@ class Added(NamedTuple):
         return found
 
     def write(self) -> ArmModel:
-        """The arm, as it is read from the files that were written. Raises ConfigurationError."""
+        """Write the files, and return the arm as loaded from them. Raises ConfigurationError."""
         texts = [(self.path, self.text)]
         if self.stored is not None:
             urdf, published = self.stored
@@ -142,7 +142,7 @@ def _described_at(urdf: str) -> Path:
 
 
 def parse_limits(texts: Sequence[str]) -> dict[str, dict[str, float]]:
-    """``KEY.JOINT=VALUE`` each, as tables of an arm's file. Raises ConfigurationError."""
+    """Parse ``KEY.JOINT=VALUE`` texts as tables of an arm's file. Raises ConfigurationError."""
     tables: dict[str, dict[str, float]] = {}
     for text in texts:
         key, _, rest = text.partition(".")
@@ -166,7 +166,7 @@ def parse_limits(texts: Sequence[str]) -> dict[str, dict[str, float]]:
 
 
 def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
-    """``NAME=VALUE`` each. Raises ConfigurationError."""
+    """Parse ``NAME=VALUE`` texts. Raises ConfigurationError."""
     arguments = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -185,8 +185,8 @@ def add(
     xacro: Mapping[str, str] | None = None,
     published: Published | None = None,
 ) -> Added:
-    """The arm of a URDF's file (a path or ``PACKAGE:FILE``), for a TOML at `path` that has these
-    `limits`, by key and joint, and arguments for `xacro`. `published`: what is to become that file.
+    """Make the arm of a URDF file (a path or ``PACKAGE:FILE``), for a TOML at `path`. `limits` are
+    by key and joint; `published` is the text to save as the URDF.
 
     Raises ConfigurationError, which names options of the command, and ExtraMissingError.
     """
@@ -205,7 +205,7 @@ def add(
 
 @contextlib.contextmanager
 def _of_options() -> Iterator[None]:
-    """Errors of keys of the arm's file are errors of the command's options."""
+    """Report errors of keys of the arm's file as errors of the command's options."""
     try:
         yield
     except ConfigurationError as error:
@@ -220,7 +220,7 @@ def _of_options() -> Iterator[None]:
 
 
 def _relative(urdf: Path, toml: Path) -> str:
-    """The URDF as the TOML's folder sees it; where that cannot be said, its whole path."""
+    """Path of the URDF relative to the TOML's folder, or its absolute path."""
     try:
         return Path(os.path.relpath(urdf.absolute(), toml.absolute().parent)).as_posix()
     except ValueError:  # On another drive.
@@ -251,7 +251,7 @@ def _added(tree: Tree, file: ArmFile, at: Path, path: Path, published: Published
 
 
 def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:
-    """From the cache: they were just fitted."""
+    """Fitted shapes, from the cache."""
     return [
         Covered(each.link, fit_mesh(each.path, file.collision.fit, each.mesh.scale))
         for each in meshes

@@ -1,4 +1,4 @@
-"""Which links of a tree an arm may end at."""
+"""Candidates for the end link of an arm in a tree of links."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ from cardan.robots.urdf import Tree
 TOOL_NAME = re.compile(
     r"(^|[^a-z])(tool0?|tcp|ee|eef|end_effector|attachment(_site)?|gripper|grasp\w*)([^a-z]|$)"
 )
-"""Names that makers give to the frame of a tool."""
+"""Common names of tool frames."""
 
 MOST_SHOWN = 12
 
 
 class End(NamedTuple):
-    """A link that an arm may end at."""
+    """A candidate for the end link."""
 
     link: str
     joints: tuple[str, ...]
-    """Those that move, from the root or `base`."""
+    """Moving joints on the way from the root or `base`."""
     is_tool: bool
-    """Its name says so."""
+    """True if its name is that of a tool frame."""
 
 
 def ends_of(tree: Tree, base: str = "") -> list[End]:
-    """The last links, and all that are called as tools are; of those that joints move, the likely
-    ones first: named as a tool, then behind the most joints that one arm may have,
-    then the farthest out."""
+    """Return the leaf links and all links with a tool's name that joints move, likeliest first: at
+    most MOST_JOINTS joints, a tool's name, most joints, farthest out."""
     before = {joint.name for joint in tree.path(base)} if base in tree.links else set()
     last = set(tree.ends())
     found = []
@@ -41,7 +40,7 @@ def ends_of(tree: Tree, base: str = "") -> list[End]:
         if link in last or is_tool:
             path = [joint for joint in tree.path(link) if joint.name not in before]
             joints = tuple(joint.name for joint in path if joint.moves)
-            # Fingers often mimic each other: no arm ends behind a joint that follows another.
+            # Fingers often mimic each other: no arm ends behind a joint that mimics another.
             if joints and all(joint.mimic is None for joint in path):
                 found.append(End(link, joints, is_tool))
 

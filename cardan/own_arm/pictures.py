@@ -1,4 +1,4 @@
-"""Draws postures of an arm: by characters for a terminal, and as a picture."""
+"""Pictures of an arm's postures: character graphics for a terminal, and PNG files."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ GAP = "   "
 
 
 class Posed(NamedTuple):
-    """An arm in one posture, in its base, m."""
+    """Points of an arm in one posture, in its base frame, m."""
 
     name: str
     line: FloatArray
-    """Base, joints, TCP: a row each."""
+    """Base, joints and TCP, a row each."""
     frames: list[Any]
     """Frames of the bodies, the base's first."""
 
 
 def posed(arm: ArmModel, q: Sequence[float], name: str) -> Posed:
-    """The arm with its joints at `q`."""
+    """Compute the points of the arm with its joints at `q` (rad or m)."""
     model = pinocchio_model(arm)
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.array(q))
@@ -41,16 +41,15 @@ def posed(arm: ArmModel, q: Sequence[float], name: str) -> Posed:
 
 
 def side_views(arm: ArmModel, poses: Sequence[Posed]) -> list[str]:
-    """Lines of text: the postures beside each other, two in a row, all of them at one scale.
+    """Draw postures as lines of text, two side by side, at one scale.
 
-    Seen along x or y of the base, whichever shows more of them: o is a joint, X the TCP, # the
-    base.
+    The view is along x or y of the base, whichever shows more: o is a joint, X the TCP, # the base.
     """
     points = np.vstack([each.line for each in poses])
     spread = np.ptp(points, axis=0)
     axis = 0 if spread[0] >= spread[1] else 1
     low, high = points.min(axis=0), points.max(axis=0)
-    # Meters of one column; a row is two of them.
+    # Meters per column; a row is two columns high.
     scale = max((high[axis] - low[axis]) / (COLUMNS - 1), (high[2] - low[2]) / (2 * (ROWS - 1)))
     scale = max(float(scale), 1e-6)
     lines: list[str] = []
@@ -90,8 +89,8 @@ def _view(pose: Posed, axis: int, low: FloatArray, scale: float) -> list[str]:
 
 
 def draw(arm: ArmModel, poses: Sequence[Posed], picture: Path) -> None:
-    """PNG: from the side and from above, with all bodies. Raises ExtraMissingError where
-    matplotlib is not there, ConfigurationError."""
+    """Draw the bodies from the side and from above as a PNG. Raises ExtraMissingError if matplotlib
+    is missing, ConfigurationError."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -122,7 +121,7 @@ def draw(arm: ArmModel, poses: Sequence[Posed], picture: Path) -> None:
 
 
 def _outlines(shape: Shape, frame: Any, across: int, up: int) -> list[FloatArray]:
-    """Polygons in the plane, which together are the shape's shadow."""
+    """Polygons in the plane that together are the shape's projection."""
     if isinstance(shape, OrientedBox):
         return _box_outlines(shape, frame, across, up)
     return _capsule_outlines(shape, frame, across, up)
@@ -147,7 +146,7 @@ def _capsule_outlines(capsule: Capsule, frame: Any, across: int, up: int) -> lis
     ends = [frame.act(np.array(each))[[across, up]] for each in (capsule.start, capsule.end)]
     along = ends[1] - ends[0]
     direction = np.arctan2(along[1], along[0])
-    # Half a circle about each end, one after the other: the shadow of the whole.
+    # A half circle about each end in turn outlines the whole.
     angles = direction + np.linspace(0.5, 1.5, 13) * np.pi
     around = capsule.radius_m * np.column_stack((np.cos(angles), np.sin(angles)))
     return [np.vstack((ends[0] + around, ends[1] - around))]

@@ -1,4 +1,4 @@
-"""Trial of an arm: its inverse, its reach, postures without collision."""
+"""Trial of an arm: inverse kinematics, reach, and postures free of collisions."""
 
 from __future__ import annotations
 
@@ -15,25 +15,24 @@ from cardan.gateway.kinematics.reach import tcp_range_m
 from cardan.robots import ArmModel
 
 POSES = 1_000
-"""Reachable ones, of which the inverse is looked for."""
+"""Number of reachable poses to solve the inverse kinematics for."""
 
 LONGEST_S = 20.0
-"""Longest duration of the tries; on an idle computer they take a second or two."""
+"""Longest duration of the trial, s; an idle computer takes a second or two."""
 
 POSTURE_TRIES = 1_000
-"""Random postures among which some without a touch are looked for."""
+"""Number of random postures to search for some without collisions."""
 
 
 class Tried(NamedTuple):
     """Numbers of reachable poses tried, and of those with an inverse."""
 
     wanted: int
-    """Number of poses to try, if there was time."""
+    """Number of poses to try if the time suffices."""
     tried: int
     found: int
     outside: int
-    """Found ones of which a joint is outside its range, or the TCP elsewhere: none, if all is
-    right."""
+    """Solutions with a joint out of its range or the TCP elsewhere; 0 for a correct solver."""
 
     def words(self) -> str:
         """The result as one line."""
@@ -47,7 +46,7 @@ class Tried(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Reach of the TCP, in the base, m."""
+    """Reach of the TCP in the base frame, m."""
 
     ranges: tuple[tuple[float, float], ...]
     """Lowest and highest x, y, z."""
@@ -71,8 +70,8 @@ def try_inverse(
     poses: int = POSES,
     longest_s: float = LONGEST_S,
 ) -> Tried:
-    """Random postures inside the limits give the poses; each search begins at home. `say` hears
-    now and then how many are done."""
+    """Solve the inverse kinematics of random postures' poses, each from the home posture. `say`
+    receives the number of tries done, now and then."""
     kinematics = ArmKinematics(arm)
     lower, upper = _bounds(kinematics)
     home, end_s = np.array(arm.home), time.monotonic() + longest_s
@@ -94,13 +93,13 @@ def try_inverse(
 
 
 def reach_of(arm: ArmModel) -> Reach:
-    """Joints inside their limits, collisions left out of account."""
+    """Sample the reach within the joint limits, ignoring collisions."""
     return Reach(tuple(tcp_range_m(ArmKinematics(arm))))
 
 
 def postures(arm: ArmModel, number: int = 3) -> list[tuple[float, ...]]:
-    """Random ones in which no bodies touch that are kept apart: of those tried, the ones that
-    differ most from home and from each other. Fewer where hardly any are free."""
+    """Pick random postures without collisions that differ most from home and from each other.
+    Returns fewer if hardly any are free."""
     kinematics = ArmKinematics(arm)
     bodies = CollisionModel(kinematics)
     lower, upper = _bounds(kinematics)
@@ -119,5 +118,5 @@ def postures(arm: ArmModel, number: int = 3) -> list[tuple[float, ...]]:
 
 
 def pairs_watched(arm: ArmModel) -> int:
-    """Number of pairs of bodies that are kept apart in each cycle."""
+    """Number of body pairs whose distance is checked in each cycle."""
     return len(CollisionModel(ArmKinematics(arm)).pairs)

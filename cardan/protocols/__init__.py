@@ -1,1 +1,1 @@
-"""Bytes to values and back. No sockets, no threads, no clocks, no files."""
+"""Conversion of bytes to values and back. No sockets, no threads, no clocks, no files."""

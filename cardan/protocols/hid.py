@@ -1,4 +1,4 @@
-"""The value of HID reports that cannot be decoded, for any device."""
+"""Result for HID reports that cannot be decoded, for any device."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ class MalformedReport(NamedTuple):
     """A report that cannot be decoded."""
 
     reason: str
-    """One of a few fixed phrases, fit for counting by."""
+    """One of a few fixed phrases, suitable for counting."""
     report_id: int
-    """-1 for a report without any byte."""
+    """Report id; -1 for an empty report."""

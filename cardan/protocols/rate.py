@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 MAX_PUBLICATIONS_PER_S = 5000
-"""Rate limit of a client's publications; excess ones are refused. Enough for a page with 50 topics
-at 100 Hz."""
+"""Most publications of a client per second: enough for a page with 50 topics at 100 Hz."""
 
 
 class RateLimit:
@@ -16,7 +15,7 @@ class RateLimit:
         self._count = 0
 
     def exceeded(self, now_s: float) -> bool:
-        """Count one more; whether it is too many."""
+        """Count one more action; return True if it exceeds the limit."""
         if now_s - self._second_s >= 1.0:
             self._second_s, self._count = now_s, 0
         self._count += 1

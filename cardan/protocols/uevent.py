@@ -1,8 +1,8 @@
-"""Linux's uevents: the kernel's reports, and udev's after its rules, of devices that come and go.
+"""Linux's uevents: reports of added and removed devices by the kernel, and by udev after its rules.
 
-The kernel's form is ``ACTION@DEVPATH`` and then ``KEY=VALUE`` texts, each ended by a NUL (Linux,
-lib/kobject_uevent.c); udev's is a binary header, "libudev" and a NUL first, that says where the
-same texts begin (systemd, device-monitor.c).
+The kernel's form is ``ACTION@DEVPATH`` followed by ``KEY=VALUE`` texts, each ended by a NUL (Linux,
+lib/kobject_uevent.c); udev's is a binary header, "libudev" and a NUL first, with the offset of the
+same texts (systemd, device-monitor.c).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import Final, NamedTuple
 
 KERNEL_GROUP: Final = 1
 UDEV_GROUP: Final = 2
-"""Multicast groups of NETLINK_KOBJECT_UEVENT: as soon as a device is there, and once udev has given
-it its permissions and links."""
+"""Multicast groups of NETLINK_KOBJECT_UEVENT: the kernel's, sent as soon as a device exists, and
+udev's, once it has set permissions and links."""
 
 PROTOCOL: Final = 15
 """NETLINK_KOBJECT_UEVENT of <linux/netlink.h>."""
 
 LARGEST: Final = 16 * 1024
-"""Room for one: the kernel's has 2 kB, udev's some more."""
+"""Size of a read, bytes: the kernel's event has 2 kB, udev's some more."""
 
 _UDEV_PREFIX: Final = b"libudev\0"
 _UDEV_HEADER: Final = struct.Struct("=8sIIIIIIII")
@@ -28,7 +28,7 @@ _UDEV_MAGIC: Final = 0xFEEDCAFE.to_bytes(4, "big")
 
 
 class Uevent(NamedTuple):
-    """A device has come, gone or changed."""
+    """A device was added, removed or changed."""
 
     action: str
     """``add``, ``remove``, ``bind``, ``change``, ..."""

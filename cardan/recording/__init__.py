@@ -1,1 +1,1 @@
-"""Records of the bus as MCAP files, their replay, and verification of the control core by them."""
+"""Recording of the bus as MCAP files, replay, and verification of the controller by records."""

@@ -1,4 +1,4 @@
-"""Choice of an arm of a record, and the common part of its topics."""
+"""Selection of an arm in a record, and the topic names that arms share."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ NS = 10**9
 POSE, TARGET = "/state/pose", "/state/target"
 STATUS, SNAPSHOT = "/state/status", "/state/snapshot"
 WRENCH, RAW_ROBOT = "/state/wrench", "/raw/robot"
-"""Ends of the names of an arm's topics, after its node's name."""
+"""Suffixes of an arm's topics, after its node's name."""
 
 CONFIGURATION = "/configuration"
-"""Topic by which the arms of a record are known: each session's node publishes it."""
+"""Topic that identifies the arms of a record: each session's node publishes it."""
 
 
 def choose_arm(nodes: Collection[str], arm: str, path: Path, problems: Sequence[str] = ()) -> str:
-    """Full name of the node of `arm`; empty: of the only one that there is. Raises CaptureError,
-    OptionError. `problems`: those of the file, in words."""
+    """Return the full node name of `arm`; "" selects the only arm. `problems` of the file are for
+    the error message. Raises CaptureError, OptionError."""
     if not nodes:
         why = "; ".join(("", *problems))
         raise CaptureError(f"{path} has no state of an arm, such as NODE{POSE}{why}")

@@ -1,4 +1,5 @@
-"""MCAP files as ROS 2 has them: profile ``ros2``, messages in CDR, schemas as .msg texts.
+"""Reader and writer of ROS 2's MCAP files: profile ``ros2``, messages in CDR, schemas as .msg
+texts.
 
 Sources: the MCAP specification (mcap.dev/spec) and its registry's profile "ros2"; channel metadata
 as rosbag2 writes it.
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class OtherRecord(NamedTuple):
-    """A header, an attachment or metadata, as the file has it."""
+    """A header, attachment or metadata record."""
 
     opcode: int
     body: bytes
@@ -43,18 +44,18 @@ PROFILE, ENCODING, SCHEMA_ENCODING = "ros2", "cdr", "ros2msg"
 _QOS_KEY, _HASH_KEY, _PUBLISHERS_KEY = "offered_qos_profiles", "topic_type_hash", "publishers"
 
 MAX_CHUNK_BYTES = 64 * 2**20
-"""Most that a chunk may unpack to: programs write chunks of 1 to 16 MiB, and some bytes of a
+"""Largest uncompressed chunk that is accepted: programs write 1 to 16 MiB, and a few bytes of a
 damaged one can unpack to thousands of times as many."""
 
 MOST_DAMAGE = 20
-"""Damaged parts of a file that are named."""
+"""Most damaged parts of a file that are reported."""
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
-"""Head of each record: its kind, and how many bytes follow."""
+"""Head of each record: opcode and length in bytes."""
 _FOOTER_BYTES: Final = 9 + 20 + len(_MAGIC)
 _PRIVATE: Final = 0x80
-"""Kinds of records from here on are other programs'."""
+"""First opcode reserved for other programs."""
 
 _FOREVER = "sec: 9223372036\n    nsec: 854775807"
 
@@ -64,13 +65,13 @@ class RecordedTopic(NamedTuple):
 
     name: str
     type_name: str
-    """In full: "geometry_msgs/msg/PoseStamped"."""
+    """Full type name: "geometry_msgs/msg/PoseStamped"."""
     type_hash: str
-    """Empty where the record does not say."""
+    """Type hash; empty if the record has none."""
     latched: bool
     publishers: tuple[str, ...]
-    """Full names of the nodes that published it, as far as they were known when it began; empty in
-    records that others made."""
+    """Full names of the publishing nodes, as known at its start; empty in other programs'
+    records."""
 
 
 class RecordedMessage(NamedTuple):
@@ -83,7 +84,7 @@ class RecordedMessage(NamedTuple):
     """When it was published, by its sender's clock, ns since the epoch."""
     sequence: int
     data: bytes
-    """CDR with its encapsulation."""
+    """CDR with its encapsulation header."""
 
 
 def _installed() -> None:
@@ -94,7 +95,7 @@ def _installed() -> None:
 
 
 def is_mcap(path: Path) -> bool:
-    """Whether a file begins as an MCAP does; False for one that cannot be read."""
+    """True if a file begins with MCAP's magic bytes; False also if it cannot be read."""
     try:
         with path.open("rb") as file:
             return file.read(len(_MAGIC)) == _MAGIC
@@ -103,8 +104,8 @@ def is_mcap(path: Path) -> bool:
 
 
 def known_definition(type_name: str, mark: str) -> str:
-    """The text of a message's definition; empty where Cardan does not know the type, or the sender
-    has another type of that name, by its hash."""
+    """Return the text of a message's definition; empty if the type is unknown, or if its hash shows
+    that the sender has another type of that name."""
     try:
         if mark not in ("", UNSUPPORTED, type_hash(type_name)):
             return ""
@@ -114,10 +115,10 @@ def known_definition(type_name: str, mark: str) -> str:
 
 
 class RecordWriter:
-    """Writes a record. For one thread."""
+    """Writer of a record. Not thread-safe."""
 
     def __init__(self, path: Path) -> None:
-        """Raises CaptureError where there is a file already or none can be made."""
+        """Create the file. Raises CaptureError if it exists or cannot be made."""
         _installed()
         from mcap.writer import Writer
 
@@ -131,12 +132,12 @@ class RecordWriter:
         self._writer.start(PROFILE, f"cardan {__version__}")
         self._schemas: dict[tuple[str, str], int] = {}
         self.topics: dict[RecordedTopic, int] = {}
-        """Topics written so far, and their channels."""
+        """Channels by topic."""
         self.unknown: dict[str, str] = {}
-        """Types without a definition, and their hashes."""
+        """Types without a known definition, and their hashes."""
 
     def add(self, message: RecordedMessage) -> None:
-        """Write a message, after its schema and channel. Raises OSError."""
+        """Write a message, after its schema and channel if they are new. Raises OSError."""
         topic = message.topic
         channel = self.topics.get(topic)
         if channel is None:
@@ -172,13 +173,12 @@ class RecordWriter:
         self._writer.add_metadata(name, dict(values))
 
     def flush(self) -> None:
-        """Give all so far to the system: a reader finds it even if this process is killed. Raises
-        OSError."""
+        """Hand all data to the system, so that it survives this process. Raises OSError."""
         self._writer.flush()
 
     @property
     def bytes(self) -> int:
-        """Size of the file so far, without data that `flush` would still write."""
+        """Size of the file so far, without unflushed data."""
         return self._file.tell()
 
     def finish(self) -> None:
@@ -206,18 +206,18 @@ def _metadata(topic: RecordedTopic) -> dict[str, str]:
 
 
 class RecordPosition(NamedTuple):
-    """Position in a record at which reading can begin, too."""
+    """Position in a record at which reading can begin."""
 
     log_ns: int
-    """Log time of the first message from there on."""
+    """Log time of the first message from there on, ns."""
     offset: int
 
 
 PLACE_NS = 500_000_000
-"""Shortest time between two places that are remembered."""
+"""Shortest time between two remembered positions, ns."""
 
 MOST_PLACES = 100_000
-"""Most places that are remembered: those of 14 h."""
+"""Most remembered positions: those of 14 h."""
 
 
 class RecordReader:
@@ -228,33 +228,35 @@ class RecordReader:
         for message in RecordReader(path):
             print(message.topic.name)
 
-    It remembers places on the way, from which it can be read again: ``reader.messages(place)``.
+    Positions remembered on the way can be read from again: ``reader.messages(place)``.
     """
 
     def __init__(self, path: Path) -> None:
         _installed()
         self.path = path
         self.cut_off = ""
-        """Why the file has no end, once it was read; empty where it has one."""
+        """Reason why the end of the file is missing, known once it was read; "" if it has one."""
         self.damage: list[str] = []
-        """Damaged parts before the newest message that were left out, in words; the first
-        MOST_DAMAGE of them."""
+        """Damaged parts before the newest message that were skipped, in words; MOST_DAMAGE at
+        most."""
         self.left_out: dict[str, int] = {}
-        """Messages that are not in CDR, by their encoding; empty: their topic is not described."""
+        """Count of skipped messages by encoding (not CDR); "": their topic is not described."""
         self.places: list[RecordPosition] = []
-        """In the order of the file; as far as it was read from its beginning."""
+        """Remembered positions in the order of the file, as far as it was read from its
+        beginning."""
         self._schemas: dict[int, str] = {}
         self._topics: dict[int, RecordedTopic] = {}
         self._others: dict[int, str] = {}
-        """Encodings of the channels that are no topics of ROS 2."""
+        """Encodings of the channels that are not ROS 2 topics."""
 
     def __iter__(self) -> Iterator[RecordedMessage]:
-        """All messages in the order of the file. Raises CaptureError for any other file."""
+        """Yield all messages in the order of the file. Raises CaptureError if it is no MCAP
+        file."""
         return self.messages()
 
     @property
     def problems(self) -> list[str]:
-        """Problems of the file as far as it was read, in words; empty if there are none."""
+        """Problems of the file as far as it was read, in words."""
         damaged = [f"the file is damaged {each}" for each in self.damage]
         others = [
             f"{count} messages are left out: they are in {encoding!r:.30}, and only those of ROS 2 "
@@ -267,8 +269,8 @@ class RecordReader:
         return damaged + others + ended
 
     def messages(self, place: RecordPosition | None = None) -> Iterator[RecordedMessage]:
-        """Messages from a place of `places` on, in the order of the file; None: all. Raises
-        CaptureError for a file that is no MCAP."""
+        """Yield messages in the order of the file from a remembered place on; None: all. Raises
+        CaptureError if the file is no MCAP file."""
         from mcap.records import Channel, Message, Schema
 
         schemas, topics, others, places = self._schemas, self._topics, self._others, self.places
@@ -299,8 +301,8 @@ class RecordReader:
                 )
 
     def records(self) -> Iterator[Record]:
-        """All records before the summary, in the order of the file, but indexes and other programs'
-        own. Raises CaptureError for a file that is no MCAP."""
+        """Yield all records before the summary, in the order of the file, without indexes and
+        private records. Raises CaptureError if the file is no MCAP file."""
         for _, record in self._read(None):
             yield record
 
@@ -323,8 +325,7 @@ class RecordReader:
     def _records(
         self, stream: BinaryIO, place: RecordPosition | None
     ) -> Iterator[tuple[int, Record]]:
-        """Records of the data section and of its chunks, each with the offset at which reading it
-        begins."""
+        """Yield records, also those in chunks, each with the offset at which reading it begins."""
         from mcap.opcode import Opcode
         from mcap.records import Message
 
@@ -373,7 +374,7 @@ class RecordReader:
                 if lost and following is None:
                     return
                 if not known:
-                    # Topics that the damaged part has described are described again at the end.
+                    # Topics described in the damaged part are described again at the end.
                     known = True
                     records = end.topics
                 if lost and following is not None:
@@ -384,7 +385,7 @@ class RecordReader:
                 yield offset, record
 
     def _check_end(self, offset: int, body: bytes, crc: int | None, count: int, end: _End) -> None:
-        """Check the CRC and count of all data before. `crc`: None if not all was read."""
+        """Check the CRC and the message count of the data. `crc`: None if not all was read."""
         if self.damage or crc is None:
             return
         if len(body) < 4 or struct.unpack_from("<I", body)[0] not in (0, crc):
@@ -419,27 +420,27 @@ class _ChunkError(ValueError):
 
 
 class _End(NamedTuple):
-    """Summary at the end of a file."""
+    """Summary section of a file."""
 
     finished: bool
-    """Whether the file has the end that a finished one has."""
+    """True if the file has the end of a finished one."""
     whole: bool
-    """Whether the summary can be read and has its CRC."""
+    """True if the summary can be read and its CRC matches."""
     chunks: tuple[int, ...]
     """Offsets of the chunks, ascending."""
     topics: list[Record]
     """All schemas and channels."""
     messages: int | None
-    """How many there are; None where it is not said."""
+    """Number of messages; None if not recorded."""
 
     def chunk_after(self, offset: int) -> int | None:
-        """The offset of the next chunk; None: it is not known, or there is none."""
+        """Offset of the next chunk; None if unknown or at the end."""
         index = bisect.bisect_right(self.chunks, offset)
         return self.chunks[index] if index < len(self.chunks) else None
 
     @classmethod
     def of(cls, stream: BinaryIO) -> _End:
-        """The end of a file."""
+        """Read the summary of a file."""
         from mcap.data_stream import ReadDataStream
         from mcap.exceptions import EndOfFile
         from mcap.opcode import Opcode
@@ -491,8 +492,8 @@ def _is_news(places: list[RecordPosition], offset: int, log_ns: int) -> bool:
 
 
 def _records_in(opcode: int, body: bytes) -> list[Record]:
-    """Contents of a record of the data section, those of a chunk unpacked. Raises _LostError, or
-    any error of mcap and the compressors."""
+    """Unpack a record of the data section. Raises _LostError or any error of mcap and zstd or
+    lz4."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import EndOfFile
     from mcap.opcode import Opcode
@@ -522,7 +523,7 @@ def _records_in(opcode: int, body: bytes) -> list[Record]:
 
 
 def _unpacked(chunk: Chunk) -> list[Record]:
-    """Contents of a chunk. Raises _ChunkError for a wrong CRC. The lengths that it and its
+    """Unpack a chunk. Raises _ChunkError for a wrong CRC. The lengths that the chunk and its
     compressed frame declare are not trusted: mcap's own unpacking allocates them first."""
     import lz4.frame
     import zstandard

@@ -1,8 +1,8 @@
-"""Player of a record for display: the newest messages of a time within it, at any rate.
+"""Player of a record for display, with seek and rate.
 
 Nothing is published on the bus, and no arm can move by it. As a program, ``python -m
-cardan.recording.player FILE``, it takes orders on its standard input and writes the messages to
-show on its standard output, a JSON object per line each; docs/recording.md.
+cardan.recording.player FILE``, it reads commands from standard input and writes the messages to
+show to standard output, one JSON object per line (docs/recording.md).
 """
 
 from __future__ import annotations
@@ -27,28 +27,27 @@ from cardan.protocols.ros2.messages import json_text
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordReader
 
 TICK_S: Final = 1 / 30
-"""How often messages are shown; of a topic the newest."""
+"""Display period, s; the newest message of each topic is shown."""
 
 BEFORE_NS: Final = 2_000_000_000
-"""Span before a time that is read to find the newest messages: all state is published more often,
-except latched topics."""
+"""Span searched for the newest messages before a time: state is published more often."""
 
 MOST_MESSAGE: Final = 2**20
-"""Bytes of a message that is shown: pages draw arms, not point clouds."""
+"""Largest message that is shown, bytes: pages draw arms, not point clouds."""
 
 MOST_LATCHED: Final = 16 * 2**20
-"""Bytes of all latched messages that are kept."""
+"""Most bytes of latched messages that are kept."""
 
 MOST_TEXT: Final = 8 * 2**20
-"""Characters of all that is shown at once."""
+"""Most characters shown at once."""
 
 MOST_TOPICS: Final = 1000
 
 NICE: Final = 10
-"""Priority of the program: displaying a record does not delay a process that moves an arm."""
+"""Nice value of the process: displaying a record must not delay a process that moves an arm."""
 
 RATES: Final = (0.1, 16.0)
-"""Slowest and fastest, as a share of real time."""
+"""Slowest and fastest rate, as a multiple of real time."""
 
 
 class Contents(NamedTuple):
@@ -56,13 +55,13 @@ class Contents(NamedTuple):
 
     first_ns: int
     last_ns: int
-    """Times of its first and last messages, ns since the epoch."""
+    """Log times of its first and last messages, ns since the epoch."""
     topics: Mapping[str, tuple[str, int]]
-    """By name: the type, and how many messages."""
+    """Type and message count by topic."""
     cut_off: str
-    """Why the file has no end; empty where it has one."""
+    """Reason why the end of the file is missing; empty if it has one."""
     damage: str
-    """Damaged parts that are left out, in words; empty if there are none."""
+    """Damaged parts that are skipped, in words."""
 
     @property
     def duration_s(self) -> float:
@@ -71,11 +70,10 @@ class Contents(NamedTuple):
 
 
 class Show:
-    """A record, and where in it one is. For one thread; knows no clock."""
+    """Position in a record, and the messages to show there. Not thread-safe; has no clock."""
 
     def __init__(self, path: Path) -> None:
-        """Read it once from end to end. Raises CaptureError for a file that is no record, or an
-        empty one."""
+        """Read the file once from end to end. Raises CaptureError if it is no record, or empty."""
         self._reader = RecordReader(path)
         self._latched: list[RecordedMessage] = []
         self.contents = self._look_through()
@@ -111,16 +109,16 @@ class Show:
 
     @property
     def over(self) -> bool:
-        """Whether it is at its end."""
+        """True at the end of the record."""
         return self.at_s >= self.contents.duration_s
 
     def seek(self, at_s: float) -> list[str]:
-        """Go to a time, s since the first message; return the newest messages, as `forward`."""
+        """Go to a time, s since the first message; return the newest messages, like `forward`."""
         first_ns = self.contents.first_ns
         self.at_s = min(max(at_s, 0.0), self.contents.duration_s)
         until_ns = first_ns + round(1e9 * self.at_s)
         places = [each for each in self._reader.places if each.log_ns <= until_ns - BEFORE_NS]
-        # The first place of all is read from, too: there are no messages before it.
+        # The first position is read from, too: there are no messages before it.
         place = places[-1] if places else next(iter(self._reader.places), None)
         self._coming = self._reader.messages(place) if place is not None else iter(())
         self._next = next(self._coming, None)
@@ -130,7 +128,7 @@ class Show:
         return shown + self._newest(until_ns, without=latched)
 
     def forward(self, to_s: float) -> list[str]:
-        """Go on to a later time; of each topic the newest message since, as JSON: [topic,
+        """Advance to a time; return the newest message of each topic since, as JSON: [topic,
         message]."""
         self.at_s = min(to_s, self.contents.duration_s)
         return self._newest(self.contents.first_ns + round(1e9 * self.at_s))
@@ -148,7 +146,7 @@ class Show:
 
 
 def _texts(messages: Iterable[RecordedMessage]) -> list[str]:
-    """Messages that can be read, as JSON, up to MOST_TEXT."""
+    """Decode messages to JSON, up to MOST_TEXT characters; omit undecodable ones."""
     found: list[str] = []
     left = MOST_TEXT
     for each in messages:
@@ -169,18 +167,18 @@ def _texts(messages: Iterable[RecordedMessage]) -> list[str]:
 
 
 class Player:
-    """Plays a record in a time that is given to it, by the orders that it takes."""
+    """Playback of a record by commands, with the time as an argument."""
 
     def __init__(self, show: Show) -> None:
         self.playing = False
         self._show, self._rate = show, 1.0
         self._began_s = self._from_s = 0.0
-        """Time of the clock at which it was at `_from_s` of the record."""
+        """Clock time at which playback was at `_from_s` of the record."""
         self._changed = False
 
     def order(self, order: Mapping[str, Any], now_s: float) -> list[str]:
-        """Take an order: "topics", "at_s", "rate", "playing", each optional. Return the messages
-        to show then. Raises ValueError for a wrong value."""
+        """Apply a command with the optional keys "topics", "at_s", "rate", "playing". Return the
+        messages to show. Raises ValueError for a wrong value."""
         show = self._show
         topics, at_s = order.get("topics"), order.get("at_s")
         rate, playing = order.get("rate"), order.get("playing")
@@ -211,7 +209,8 @@ class Player:
         return shown
 
     def line(self, shown: Sequence[str]) -> str:
-        """The line for the page: its state and the messages `shown`; empty if nothing changed."""
+        """Return the page's line with the state and the messages `shown`; empty if nothing
+        changed."""
         if not self._changed:
             return ""
         self._changed = False
@@ -230,7 +229,7 @@ def _number(name: str, value: object, least: float, most: float) -> float:
 
 
 def run(path: Path, orders: TextIO, out: TextIO) -> None:
-    """Show a record until the orders end. The first line has its contents, or the problem."""
+    """Show a record until the input ends. The first line has its contents, or the problem."""
     try:
         show = Show(path)
     except CardanError as error:

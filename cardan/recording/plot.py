@@ -1,4 +1,4 @@
-"""Draws a recorded session: the path of the TCP, the following error, latencies and forces."""
+"""Plots of a recorded session: TCP path, following error, latencies and forces."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from cardan.recording.mcap_file import RecordedMessage, RecordReader
 ENDINGS = (".png", ".svg", ".pdf")
 
 LONGEST_ANSWER_S = 1.0
-"""A datagram that leaves later than this after the one before it is no answer to it."""
+"""Longest time from a robot's datagram to its answer; a later datagram is no answer."""
 
 
 class Placed(NamedTuple):
@@ -43,28 +43,28 @@ class Series:
     """Plotted data of one arm; all times since the epoch, ns."""
 
     poses: list[Placed] = field(default_factory=list)
-    """Poses of the measured TCP, m."""
+    """Measured TCP poses, m."""
     targets: list[Placed] = field(default_factory=list)
-    """Poses of the commanded one, m."""
+    """Commanded TCP poses, m."""
     forces: list[Placed] = field(default_factory=list)
-    """N."""
+    """Forces, N."""
     answers: list[tuple[int, float]] = field(default_factory=list)
-    """How long after a datagram of the robot ours left, s."""
+    """Latency from the robot's datagram to ours, s."""
     ticks: list[tuple[int, float, float]] = field(default_factory=list)
-    """Median and 99th percentile of the session's own figure, s, so far."""
+    """Median and 99th percentile that the session reported, s, over its time so far."""
     trips: list[int] = field(default_factory=list)
-    """When the source that moved the arm was disengaged."""
+    """Times at which the motion source was disengaged."""
     _received_ns: int = 0
     _trips: int = 0
 
     @property
     def begin_ns(self) -> int:
-        """The first time of all."""
+        """Earliest time of all series."""
         first = [each[0][0] for each in (self.poses, self.targets, self.forces, self.ticks) if each]
         return min(first, default=0)
 
     def following_error(self) -> list[tuple[int, float]]:
-        """Distance between commanded and measured TCP at the times that have both, m."""
+        """Distance of commanded and measured TCP at their common times, m."""
         measured = {each.stamp_ns: each for each in self.poses}
         return [
             (each.stamp_ns, math.dist(each[1:], measured[each.stamp_ns][1:]))
@@ -91,7 +91,7 @@ def _take_wrench(series: Series, message: Message, _log_ns: int) -> None:
 
 def _take_snapshot(series: Series, message: Message, log_ns: int) -> None:
     snapshot = json.loads(message["data"])
-    # Records of before 0.2.0 have all of it in one object.
+    # Records from before 0.2.0 have all of it in one object.
     nested = "loop" in snapshot
     loop, arm = (snapshot["loop"], snapshot["arm"]) if nested else (snapshot, snapshot)
     if loop["cycles"]:
@@ -122,9 +122,9 @@ _TAKEN: Mapping[str, Callable[[Series, Message, int], None]] = {
 
 
 def read_series(path: Path, arm: str = "") -> tuple[str, Series, list[str]]:
-    """The full name of an arm's node, its series, and the problems of the file.
+    """Read the full name of an arm's node, its series, and the problems of the file.
 
-    `arm`: a node's full name; empty: the only one in the file. Raises CaptureError, OptionError.
+    `arm`: a node's full name; "" selects the only one. Raises CaptureError, OptionError.
     """
     found: dict[str, Series] = {}
     reader = RecordReader(path)
@@ -146,11 +146,11 @@ def _take(
         if not isinstance(decoded, MalformedCdr):
             take(series, decoded, message.log_ns)
     except (ValueError, KeyError, TypeError):
-        return  # Another node's topic of that name.
+        return  # Another node's topic with that suffix.
 
 
 def plot(path: Path, picture: Path, arm: str = "") -> list[str]:
-    """Draw an arm of a record as `picture`. Returns the problems of the file, in words.
+    """Plot an arm of a record to the file `picture`. Returns the problems of the record, in words.
 
     Raises CaptureError, OptionError or ExtraMissingError.
     """

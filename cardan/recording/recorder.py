@@ -1,4 +1,4 @@
-"""Records the bus into a file: every message of every topic, also of topics that appear later."""
+"""Recorder of the bus: all messages of all topics, also of topics that appear later."""
 
 from __future__ import annotations
 
@@ -40,32 +40,30 @@ NAME = "cardan_recorder"
 _log = logging.getLogger(__name__)
 
 FLUSH_S = 0.5
-"""Flush period of the file: with the data under way, a record whose process is killed lacks less
-than 1 s."""
+"""Flush period of the file, s: a killed recorder loses less than 1 s, data in transit included."""
 
 QUEUE_MESSAGES, QUEUE_BYTES = 20_000, 256 << 20
-"""Most that waits for the disk; of more, the newest is dropped and counted."""
+"""Most messages and bytes queued for the disk; beyond it the newest are dropped and counted."""
 
 SHARED_TOPICS = ("tf", "tf_static", "diagnostics", "rosout")
-"""Topics that all arms have in common; recorded whichever arms are chosen."""
+"""Topics that all arms share, recorded whichever arms are chosen."""
 
 GRAPH_S = 2.0
-"""Longest wait of a topic's first message for its publisher in the graph, while the recorder
-joins."""
+"""Longest wait of a topic's first message for its publisher in the graph during start-up, s."""
 
 JOINING_S = 3.0
-"""How long that is: the graph comes piece by piece, on a busy computer within a second."""
+"""Duration of the start-up, s: on a busy computer the graph is complete within a second."""
 
 LATE_GRAPH_S = 0.3
-"""How long it waits later: all that comes after it waits, too, and is lost with the process."""
+"""The same wait afterwards, s: all later messages wait, too, and are lost with the process."""
 
 ENDPOINTS_KEPT = 64
-"""Endpoints of a topic that are remembered: programs that publish once come and go."""
+"""Most endpoints remembered per topic: programs that publish once come and go."""
 
 _WAIT_S = 0.1
 
 _END_NS = 1 << 63
-"""Later times are none that a clock has."""
+"""Latest time that a clock can have."""
 
 _STRING = codec_of("std_msgs/msg/String")
 
@@ -76,16 +74,16 @@ class Report(NamedTuple):
     messages: int
     topics: int
     dropped: int
-    """Messages that came faster than they could be written."""
+    """Messages dropped because they arrived faster than the disk could write."""
     lost: int
-    """Messages that their publishers counted, and that did not arrive."""
+    """Messages missing in their publishers' sequence numbers."""
     unknown: tuple[tuple[str, str], ...]
     """Types without a definition in the file, and their hashes."""
     error: str
-    """Why it ended early; empty where it did not."""
+    """Reason why it ended early; empty if it did not."""
 
     def lines(self) -> list[str]:
-        """For people."""
+        """Return the summary as lines of text."""
         said = [f"{self.messages} messages of {self.topics} topics"]
         if not self.messages:
             said.append(
@@ -106,7 +104,7 @@ class Report(NamedTuple):
 
     @property
     def complete(self) -> bool:
-        """Whether the file has all that was published."""
+        """True if the file has all that was published."""
         return not (self.dropped or self.lost or self.error or not self.messages)
 
 
@@ -118,14 +116,14 @@ class _Heard(NamedTuple):
 
 
 class Recorder:
-    """Records from `open` to `close`.
+    """Recorder of the bus from `open` to `close`.
 
     Zenoh's threads put received messages into a bounded queue; one thread writes them.
     """
 
     def __init__(self, options: BusOptions, path: Path, arms: Sequence[str] = ()) -> None:
-        """`arms`: first parts of the names of the topics to record, which are the namespaces of
-        arms, or the names of their nodes; none: all topics. Raises OptionError."""
+        """Choose the topics by `arms`: their prefixes, which are namespaces of arms or names of
+        nodes; empty: all. Raises OptionError."""
         for arm in arms:
             try:
                 checked_name(f"/{arm.strip('/')}")
@@ -135,8 +133,8 @@ class Recorder:
         self._arms = [arm.strip("/") for arm in arms]
         self._node = BusNode(options, NAME)
         self._seen: dict[str, list[Entity]] = {}
-        """The endpoints of each topic, also those that have left: a node that publishes a message
-        and leaves is gone before the message is handled."""
+        """Endpoints of each topic, also those that have left: a node that publishes a message and
+        exits is gone before the message is handled."""
         self._saw = threading.Condition()
         self._queue: deque[_Heard] = deque()
         self._queued_bytes = 0
@@ -146,11 +144,11 @@ class Recorder:
         self._error = ""
         self._began_s = NEVER_S
         self._topics: dict[str, RecordedTopic | None] = {}
-        """By key; None: no topic of ROS."""
+        """Topics by key; None: not a ROS topic."""
         self._of_one: dict[tuple[str, bytes], RecordedTopic] = {}
         """Latched topics by key and publisher: late subscribers get the last message of each."""
         self._counted: dict[bytes, int] = {}
-        """Newest sequence numbers of publishers."""
+        """Newest sequence numbers by publisher."""
         self._configured: set[tuple[str, bytes]] = set()
         self._announced: set[str] = set()
         self._handles: list[Any] = []
@@ -166,11 +164,11 @@ class Recorder:
 
     @property
     def failed(self) -> bool:
-        """Whether nothing can be written any more."""
+        """True once nothing can be written any more."""
         return bool(self._error)
 
     def figures(self) -> dict[str, int]:
-        """Counts so far; "bytes": those written to the disk."""
+        """Counts so far; "bytes" are those written to the disk."""
         return {
             "bytes": self._bytes,
             "messages": self._messages,
@@ -179,7 +177,7 @@ class Recorder:
         }
 
     def open(self) -> None:
-        """Begin. Raises CaptureError, ExtraMissingError, ConfigurationError, or DriverError."""
+        """Start. Raises CaptureError, ExtraMissingError, ConfigurationError or DriverError."""
         self._node.open()
         try:
             self._node.watch_graph(self._see)
@@ -195,14 +193,14 @@ class Recorder:
         keys += [f"{domain}/{name}/**" for name in SHARED_TOPICS] if keys else [f"{domain}/**"]
         try:
             for key in keys:
-                # A subscriber that asks for earlier messages of latched topics, too.
+                # A subscriber that requests earlier messages of latched topics, too.
                 self._handles.append(node.declare_subscriber(key, self._hear, LATCHED_QOS))
         except BaseException:
             self.close()
             raise
 
     def close(self) -> Report:
-        """End; messages that have arrived are written. Never raises; twice is fine."""
+        """Stop, and write the messages that have arrived. Never raises; repeated calls are fine."""
         with contextlib.suppress(zenoh_module().ZError):
             while self._handles:
                 self._handles.pop().undeclare()
@@ -286,7 +284,7 @@ class Recorder:
             self._error = f"{self._path} cannot be written: {why}"
             with self._there:
                 self._queue.clear()
-            with contextlib.suppress(Exception):  # Flushed messages can be read all the same.
+            with contextlib.suppress(Exception):  # Flushed messages stay readable.
                 writer.finish()
 
     def _add(self, writer: RecordWriter, heard: _Heard) -> None:
@@ -309,7 +307,7 @@ class Recorder:
             if before is not None and sequence > before + 1:
                 self._lost += sequence - before - 1
             elif topic.latched and before is not None and sequence <= before:
-                return  # It came twice: as a new message, and as an earlier one of a latched topic.
+                return  # A duplicate: received live, and as an earlier message of a latched topic.
         writer.add(
             RecordedMessage(topic, heard.log_ns, publish_ns or heard.log_ns, sequence, heard.data)
         )
@@ -325,7 +323,7 @@ class Recorder:
         if not name or not type_name:
             return None
         name = f"/{name}"
-        # Topics that began at the same time share the wait.
+        # Topics that began at the same time share one wait.
         joining = time.monotonic() - self._began_s < JOINING_S
         longest_s = GRAPH_S if joining else LATE_GRAPH_S
         wait_s = min(longest_s - 1e-9 * (time.time_ns() - first_ns), longest_s)
@@ -341,7 +339,7 @@ class Recorder:
         )
 
     def _of_publisher(self, topic: RecordedTopic, heard: _Heard, gid: bytes) -> RecordedTopic:
-        """A latched topic as its publisher `gid` has it; the whole one where that is not known."""
+        """Return the latched topic of its publisher `gid`; the whole topic if that is unknown."""
         if (found := self._of_one.get((heard.key, gid))) is not None:
             return found
         name, domain = topic.name, self._options.domain
@@ -362,7 +360,7 @@ class Recorder:
         return found
 
     def _attach(self, writer: RecordWriter, topic: RecordedTopic, heard: _Heard) -> None:
-        """A session's configuration, once, as an attachment, too."""
+        """Attach a session's configuration to the file, once."""
         if (topic.name, heard.data) in self._configured or topic.type_name != _STRING.name:
             return
         self._configured.add((topic.name, heard.data))
@@ -375,7 +373,7 @@ class Recorder:
         return [each for each in self._seen.get(topic, ()) if each.kind == PUBLISHER]
 
     def _announce(self) -> None:
-        """Announce a subscriber of all topics: some nodes publish only while there is one."""
+        """Announce a subscriber of all topics: some nodes publish only to subscribers."""
         with self._saw:
             new = {name: each for name, (each, *_) in self._seen.items()}
         for name, entity in new.items():
@@ -396,7 +394,7 @@ class Recorder:
 def record(
     options: BusOptions, path: Path, arms: Sequence[str] = (), seconds: float | None = None
 ) -> Report:
-    """Record until `seconds` are over, SIGINT or SIGTERM. Prints READY once it does."""
+    """Record until `seconds` are over, SIGINT or SIGTERM. Prints READY once recording."""
     with interruptible() as interrupted, Recorder(options, path, arms) as recorder:
         print(f"READY {path}", flush=True)
         end_s = time.monotonic() + (float("inf") if seconds is None else seconds)

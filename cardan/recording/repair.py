@@ -17,21 +17,21 @@ if TYPE_CHECKING:
 
 
 class RepairReport(NamedTuple):
-    """Result of the repair of a file."""
+    """Summary of a file's repair."""
 
     path: Path
-    """The new one."""
+    """The new file."""
     messages: int
     problems: tuple[str, ...]
-    """Problems of the old file, and its data that is lost."""
+    """Problems of the old file, and the data that is lost."""
 
     @property
     def complete(self) -> bool:
-        """Whether nothing was wrong."""
+        """True if the old file had no fault."""
         return not self.problems
 
     def lines(self) -> list[str]:
-        """For people."""
+        """Return the summary as lines of text."""
         found = self.problems or ("nothing was wrong with the file: there was nothing to repair",)
         return [*found, f"{self.path}: {self.messages} messages, with an index"]
 
@@ -42,10 +42,10 @@ def repaired_name(path: Path) -> Path:
 
 
 def repair(path: Path, output: Path) -> RepairReport:
-    """Write what `path` has into a new file: its messages as they are, of whatever encoding, their
-    topics, attachments and metadata; indexes anew. A single record is in memory at a time.
+    """Copy the readable messages (of any encoding), topics, attachments and metadata of `path` to a
+    new file with new indexes, one record at a time.
 
-    Raises CaptureError for a file that is no MCAP, and if `output` exists or cannot be written.
+    Raises CaptureError if `path` is no MCAP file, or if `output` exists or cannot be written.
     """
     reader = RecordReader(path)
     records = reader.records()
@@ -74,7 +74,7 @@ def repair(path: Path, output: Path) -> RepairReport:
 
 
 class _Copy:
-    """A file that is written record by record."""
+    """Writer of the repaired file, record by record."""
 
     def __init__(self, stream: BinaryIO) -> None:
         from mcap.writer import Writer
@@ -84,15 +84,15 @@ class _Copy:
         self._begun = False
         self._schemas: dict[int, tuple[Schema, int]] = {}
         self._channels: dict[int, tuple[Channel, int]] = {}
-        """Channels that were read, by their number in the old file, and their number in the new."""
+        """Channel numbers of the new file by those of the old one."""
         self._strange = 0
-        """Messages of channels that are not described."""
+        """Messages lost because their channel is not described."""
         self._unreadable = 0
-        """Attachments and metadata."""
+        """Attachments and metadata that are damaged."""
 
     @property
     def problems(self) -> list[str]:
-        """Data that could not be copied."""
+        """Data that could not be copied, in words."""
         said = []
         if self._strange:
             said.append(f"{self._strange} messages are lost: what describes their topics is")
@@ -101,7 +101,7 @@ class _Copy:
         return said
 
     def add(self, record: Any) -> None:
-        """Take a record over. Raises OSError."""
+        """Copy a record. Raises OSError."""
         from mcap.opcode import Opcode
         from mcap.records import Channel, Message, Schema
 
@@ -174,20 +174,20 @@ class _Copy:
         )
 
     def finish(self) -> None:
-        """Write the index. Raises OSError."""
+        """Write the index and close. Raises OSError."""
         if not self._begun:
             self._begin("")
         self._writer.finish()
 
 
 def _is_whole(attachment: bytes) -> bool:
-    """Whether it has its CRC; 0: it has none."""
+    """True if its CRC matches, or is 0 (none)."""
     (crc,) = struct.unpack_from("<I", attachment, len(attachment) - 4)
     return crc in (0, zlib.crc32(attachment[:-4]))
 
 
 def _profile(header: bytes) -> str:
-    """Profile of a header; empty where it cannot be read."""
+    """Profile of a header; empty if it cannot be read."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import EndOfFile
     from mcap.records import Header

@@ -1,7 +1,7 @@
-"""Publishes a record onto the bus, under the original names with the original spacing.
+"""Replay of a record onto the bus, with the original names and timing.
 
-Commands that could move an arm are held back unless the user asks for them. Then they come as from
-any other program: the receiver decides, a session by its arming sequence and its authority.
+Commands that could move an arm are withheld unless the user requests them. The receiver then treats
+them like any other program's: a session checks its arming sequence and authority.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SHOWING_TYPES = frozenset(
         "visualization_msgs/msg/MarkerArray",
     }
 )
-"""Types that show something and command nothing, from any publisher."""
+"""Types that only report, and command nothing, from any publisher."""
 
 COMMANDS_WORDS = (
     "with --commands: a live session treats these topics like any other source of the network: it "
@@ -54,20 +54,20 @@ COMMANDS_WORDS = (
 )
 
 MEET_S = 2.0
-"""Longest wait for other nodes, before anything is published."""
+"""Longest wait for other nodes before publishing, s."""
 
 STEP_NS = 1_000_000_000
-"""Shortest step of a record's time that is asked whether a clock was set: between two messages that
-are written one after the other, threads and disks make less."""
+"""Shortest step of a record's time that may be a clock adjustment: threads and disks delay messages
+written in succession by less."""
 
 LONGEST_PAUSE_S = 60.0
-"""Longest time without a message that is waited for, unless another is asked for."""
+"""Default of the longest pause that is replayed, s."""
 
 MOST_STEPS = 5
 """Most steps that are reported one by one."""
 
 SETTLE_S = 0.3
-"""After that: how long others take to subscribe to topics that are new to them."""
+"""Time for other nodes to subscribe to new topics after that, s."""
 
 
 class ReplayReport(NamedTuple):
@@ -76,17 +76,17 @@ class ReplayReport(NamedTuple):
     messages: int
     topics: tuple[str, ...]
     held_back: Mapping[str, str]
-    """Topics that were not published, and why."""
+    """Topics that were not published, and the reasons."""
     problems: tuple[str, ...] = ()
-    """Problems of the file: damage, why it has no end, and where its time makes a step."""
+    """Problems of the file: damage, a missing end, and steps of its time."""
 
     @property
     def complete(self) -> bool:
-        """Whether there were messages, and nothing is wrong with the file."""
+        """True if there were messages and the file has no fault."""
         return self.messages > 0 and not self.problems
 
     def lines(self) -> list[str]:
-        """For people."""
+        """Return the summary as lines of text."""
         return [f"{self.messages} messages of {len(self.topics)} topics", *self.problems]
 
 
@@ -102,8 +102,8 @@ def _topics_in(path: Path) -> list[RecordedTopic]:
 
 
 class Schedule:
-    """When each message of a record is due: with the spacing it was recorded with, except where the
-    record's time makes a step that is no pause."""
+    """Due times of messages: as recorded, except at steps of the record's time that are no
+    pause."""
 
     def __init__(self, longest_pause_s: float = LONGEST_PAUSE_S) -> None:
         self._longest_ns = longest_pause_s * 1e9
@@ -112,12 +112,12 @@ class Schedule:
 
     @property
     def steps(self) -> list[str]:
-        """Steps that were not waited for, in words."""
+        """Steps that were skipped, in words."""
         more = self._steps - len(self._words)
         return [*self._words, f"and {more} more steps of its time"] if more else self._words
 
     def of(self, messages: Iterable[RecordedMessage]) -> Iterator[tuple[float, RecordedMessage]]:
-        """Messages, each with the time at which it is due, s after the first one."""
+        """Yield messages with their due times, s after the first."""
         first_ns = newest_ns = None
         for message, following in _with_following(messages):
             log_ns = message.log_ns
@@ -162,7 +162,7 @@ def _with_following(
 
 
 def arms_of(topics: Iterable[RecordedTopic]) -> frozenset[str]:
-    """The nodes of a record that are sessions of Cardan's."""
+    """Nodes of a record that are Cardan sessions."""
     return frozenset(
         publisher
         for topic in topics
@@ -172,7 +172,7 @@ def arms_of(topics: Iterable[RecordedTopic]) -> frozenset[str]:
 
 
 def why_held_back(topic: RecordedTopic, arms: frozenset[str], network: BusNetwork | None) -> str:
-    """Why a topic is not published unless it is asked for; empty where it is."""
+    """Return the reason why a topic is not published by default; empty if it is."""
     if network is not None:
         there = network.topics().get(topic.name)
         if there is not None:
@@ -205,10 +205,10 @@ def replay(
 ) -> ReplayReport:
     """Publish a record until its end, SIGINT or SIGTERM.
 
-    `rate`: 2: twice as fast; `topics`: names, where * stands for anything; none: all. `commands`:
-    those, too, that are held back otherwise. `longest_pause_s`: longer times without a message, s
-    of the record, are skipped. `say` gets the topics that are held back, before any message is
-    published. Raises CaptureError, OptionError, or an error of opening the bus.
+    `rate`: 2 is twice as fast. `topics`: names with the wildcard *; empty: all. `commands`: True
+    publishes withheld topics, too. `longest_pause_s`: longer pauses of the record are skipped.
+    `say` receives the withheld topics before any message is published. Raises CaptureError,
+    OptionError, or an error of opening the bus.
     """
     if not 0.0 < rate < math.inf:
         raise OptionError("--rate", rate, "a number above 0")
@@ -250,7 +250,8 @@ def replay(
 
 
 def until_damage(reader: RecordReader) -> Iterator[RecordedMessage]:
-    """Messages before the first damage: without lost commands an arm would move differently."""
+    """Yield messages before the first damage: without lost commands an arm would move
+    differently."""
     for message in reader:
         if reader.damage:
             return
@@ -269,8 +270,8 @@ def _meet(network: BusNetwork, interrupted: threading.Event) -> None:
 
 
 def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[PublisherHandle]:
-    """Publishers that take turns: one, or if several nodes published a latched topic, one for each:
-    a later subscription gets the last message of each."""
+    """Declare publishers: one, or, if several nodes published a latched topic, one for each, so
+    that late subscribers get each one's last message."""
     known = known_definition(topic.type_name, topic.type_hash)
     mark = "" if known else topic.type_hash
     count = len(topic.publishers) if topic.latched else 1

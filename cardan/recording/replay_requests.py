@@ -1,4 +1,4 @@
-"""Makes requests of programs again at the verbs of an arm, as a record has them."""
+"""Repetition of recorded requests at an arm's verbs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cardan.gateway.arm.replay_requests import CommandHeader
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
 
-if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
+if TYPE_CHECKING:  # Imports Pinocchio, which a session without an arm's model does not need.
     from cardan.gateway.arm.verb_methods import ArmVerbs
 
 
@@ -45,9 +45,9 @@ REPEAT: Mapping[str, Callable[..., None]] = {
     "hand_over": lambda verbs, to, source: verbs.hand_over(to, source=source),
     "release": lambda verbs, source: verbs.release(source),
 }
-"""Functions that make a recorded request again with its values, by the name of the request."""
+"""Functions that repeat a recorded request with its values, by the request's name."""
 
 
 def repeat(verbs: ArmVerbs, name: str, argument: str) -> None:
-    """Make a request again. Raises the errors of the request."""
+    """Repeat a request. Raises the errors of the request."""
     REPEAT[name](verbs, *json.loads(argument))

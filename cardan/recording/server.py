@@ -1,4 +1,4 @@
-"""The recorder as a server: it records while the daemon runs it, a file for each start."""
+"""Recorder as a service of the daemon, with a new file for each start."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cardan.gateway.servers.base import Ready, Server
 from cardan.recording.recorder import Recorder
 
 LOOK_S = 0.1
-"""How often it looks whether it is to end."""
+"""Period of checking whether to stop, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,23 +25,22 @@ class RecordsOptions(Options):
     """Recorded arms, and the folder of the records."""
 
     folder: str = ""
-    """Folder of the records, each with the time of its start as its name; it is made. Empty: that
-    of the user's (a service's) state, and in it "records"."""
+    """Folder of the records, made if missing; each file is named by its start time. Empty:
+    "records" in the state folder of the user or service."""
     arms: tuple[str, ...] = ()
-    """Namespaces of arms, or names of nodes: only their topics, and those that all share; none:
-    everything."""
+    """Namespaces of arms, or names of nodes: only their topics and the shared ones; empty: all."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderServerOptions(Options):
-    """The bus, and the records of it."""
+    """Bus and record options."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     records: RecordsOptions = field(default_factory=RecordsOptions)
 
 
 class RecorderServer(Server[RecorderServerOptions]):
-    """Record what is on the bus, as `cardan net record` does, into a new file at each start."""
+    """Record the bus, like `cardan net record`, into a new file at each start."""
 
     Options = RecorderServerOptions
     page = "recording.md"
@@ -69,7 +68,7 @@ class RecorderServer(Server[RecorderServerOptions]):
 
 
 def new_file(folder: Path, time_s: float) -> Path:
-    """A file in `folder` that there is not, named after this time. Raises CaptureError."""
+    """Return the path of a new file in `folder`, named by the present time. Raises CaptureError."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:

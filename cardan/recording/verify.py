@@ -1,7 +1,7 @@
-"""Verification of the control core by a record: the inputs of a session's loop go through a new
-controller, whose commands have to be those that were sent, bit for bit.
+"""Verification of the controller by a record:
 
-Nothing is opened, and nothing is sent.
+a new controller gets the recorded inputs of a session's loop, and its commands must equal the
+recorded ones, bit for bit. Nothing is opened or sent.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from cardan.recording.arms import CONFIGURATION
 from cardan.recording.mcap_file import RecordReader
 from cardan.recording.replay_requests import REPEAT, repeat
 
-if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
+if TYPE_CHECKING:  # Imports Pinocchio, which a session without an arm's model does not need.
     from cardan.gateway.arm.verb_methods import ArmVerbs
 
 CONTROLLER_LOG = "/controller_log"
-"""End of the name of a session's topic, after its node's name."""
+"""Suffix of a session's topic, after its node's name."""
 FORMER_LOG = "/engine"
-"""Its end in records of versions before 0.2.0."""
+"""The suffix in records from before 0.2.0."""
 
 _STRING = "std_msgs/msg/String"
 
@@ -61,12 +61,12 @@ REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
     "acknowledge": lambda controller, _reason: controller.acknowledge(),
     **{kind.value: _inhibit(kind) for kind in Inhibit},
 }
-"""Requests to the controller that are made again as they were; those of programs that are have
+"""Controller requests repeated unchanged; programs' are in
 :mod:`cardan.recording.replay_requests`."""
 
 
 class Difference(NamedTuple):
-    """The first cycle whose command differs."""
+    """First cycle whose command differs."""
 
     cycle: int
     stamp_s: float
@@ -77,15 +77,15 @@ class Difference(NamedTuple):
 
 @dataclass
 class Verification:
-    """Result of the replay of one session."""
+    """Result for one session."""
 
     session: str
-    """Full name of its node."""
+    """Full name of the session's node."""
     cycles: int = 0
-    """Cycles whose commands were compared, and the same."""
+    """Cycles whose commands were compared and equal."""
     difference: Difference | None = None
     ended: str = ""
-    """Why not all cycles could be compared; empty if they were."""
+    """Reason why not all cycles could be compared; empty if they were."""
     versions: dict[str, str] = field(default_factory=dict)
     """Versions that the session ran with."""
     problems: list[str] = field(default_factory=list)
@@ -93,11 +93,11 @@ class Verification:
 
     @property
     def same(self) -> bool:
-        """Whether every command that was compared is the recorded one, and there was one."""
+        """True if all compared commands, at least one, equal the recorded ones."""
         return self.difference is None and self.cycles > 0
 
     def lines(self) -> list[str]:
-        """For people."""
+        """Return the result as lines of text."""
         said = [f"{self.session}: {self.cycles} cycles, each command bit for bit the recorded one"]
         if self.difference is not None:
             cycle, stamp_s, recorded, computed = self.difference
@@ -121,11 +121,10 @@ class _Session(NamedTuple):
 def verify(
     path: Path, changed: Callable[[SessionConfig], SessionConfig] | None = None
 ) -> list[Verification]:
-    """Replay each session of a record. `changed` may change its configuration before.
+    """Replay each session of a record; `changed` may change its configuration first.
 
-    Raises CaptureError for a file without one, and for a record or a configuration of an older
-    version that this one cannot use; ConfigurationError where `changed` has made one that cannot
-    be used.
+    Raises CaptureError if there is none, or if an older version made a record or configuration that
+    this one cannot use; ConfigurationError if `changed` made an unusable one.
     """
     reader = RecordReader(path)
     configurations: dict[str, Any] = {}
@@ -147,7 +146,7 @@ def verify(
                 except RecordError as error:
                     raise CaptureError(f"{path}: {topic.name}: {error}") from None
                 except (ValueError, RecursionError):
-                    continue  # Some other node's topic of that name.
+                    continue  # Another node's topic with that suffix.
     if not cycles and former:
         raise CaptureError(
             f"{path} has {former} in place of {CONTROLLER_LOG[1:]}: an older version of Cardan "
@@ -186,7 +185,7 @@ def verify(
 
 
 def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Verification:
-    """Put the cycles of a session through a new controller, until one differs.
+    """Run the cycles of a session through a new controller until a command differs.
 
     Raises ConfigurationError for a configuration that cannot be used here.
     """
@@ -210,7 +209,7 @@ def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Veri
             if request.name in REPEATED:
                 REPEATED[request.name](controller, request.argument)
             elif request.name in REPEAT:
-                # They act by the motions that they begin, from the first one on.
+                # Their effect is in the motions that they begin, from the first one on.
                 verbs = verbs or make_verbs(config, robot, controller, None)
                 with contextlib.suppress(MotionRefusedError, ConfigurationError):
                     repeat(verbs, request.name, request.argument)

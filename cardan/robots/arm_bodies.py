@@ -1,4 +1,4 @@
-"""An arm's model in the terms of Pinocchio and Coal."""
+"""Conversion of an arm's model to Pinocchio and Coal."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ SE3 = Any
 """pinocchio.SE3; Pinocchio has no type stubs."""
 
 CHARACTERISTIC_LENGTH_M = 0.3
-"""Weight of rad against m: 1 rad of tool orientation counts as 0.3 m, about the forearm of the arms
-that this is for; half or twice of it changes convergence little."""
+"""Weight of rad against m: 1 rad of tool orientation counts as 0.3 m, about the forearm of typical
+arms; half or twice of it changes convergence little."""
 
 WEIGHTS = np.array((1.0, 1.0, 1.0, *(CHARACTERISTIC_LENGTH_M,) * 3))
 """Weights of a motion of the TCP, linear part first: all in m."""
 
 
 def to_se3(pose: Pose) -> SE3:
-    """A pose as Pinocchio has it."""
+    """Convert a pose to Pinocchio's."""
     x, y, z = pose.position
     w, i, j, k = pose.orientation
     return pin.XYZQUATToSE3(np.array((x, y, z, i, j, k, w)))
@@ -56,7 +56,8 @@ def pinocchio_model(arm: ArmModel) -> Any:
 
 
 def _revolute(axis: FloatArray) -> Any:
-    """Joints about x, y and z cost less than those about any other axis."""
+    """Name the revolute joint type: joints about x, y and z cost less than those about other
+    axes."""
     for index, aligned in enumerate((pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)):
         if axis[index] > 1.0 - 1e-12:
             return aligned()
@@ -79,12 +80,13 @@ def coal_shape(shape: Shape) -> tuple[Any, SE3]:
 
 def smallest_singular_value(jacobian: FloatArray, weights: SixWeights) -> float:
     """Smallest singular value of `jacobian` (6×n, TCP axes, linear part first; 1 rad counts as 0.3
-    m) in the directions along TCP axes whose weight is above 0: 0 where the arm is singular."""
+    m) in the directions along TCP axes whose weight is above 0; 0 if the arm is singular."""
     return float(smallest_singular_values(jacobian[None], weights)[0])
 
 
 def smallest_singular_values(jacobians: FloatArray, weights: SixWeights) -> FloatArray:
-    """That of each of several: (m×6×n) to (m,). Of one joint (m×6) will do, as Pinocchio gives."""
+    """The same for several Jacobians: (m×6×n) to (m,). For one joint (m×6) is accepted, as from
+    Pinocchio."""
     followed = np.array(weights) > 0.0
     weighted = (WEIGHTS[:, None] * jacobians.reshape(len(jacobians), 6, -1))[:, followed]
     return cast("FloatArray", np.linalg.svd(weighted, compute_uv=False)[:, -1])

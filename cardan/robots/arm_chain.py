@@ -1,4 +1,4 @@
-"""Selection of the joints of a tree that are an arm, and held positions of the others."""
+"""Selection of an arm's joints in a tree, and held positions of the others."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ MOST_JOINTS = 9
 """Most joints of an arm: seven on a torso of two."""
 
 LEAST_OF_ANOTHER = 3
-"""Fewest held joints in a row beside the arm that count as another arm, or a leg; fewer are a head
-or a gripper."""
+"""Fewest consecutive held joints beside the arm that count as another arm, or a leg; fewer are a
+head or a gripper."""
 
 
 class Chain(NamedTuple):
@@ -30,11 +30,11 @@ class Chain(NamedTuple):
     joints: tuple[TreeJoint, ...]
     """Moving joints, in kinematic order."""
     held: dict[str, float]
-    """Positions of all others of one direction, rad or m."""
+    """Positions of all other joints with one direction, rad or m."""
     tree: Tree
-    """The one that it is in: its telescopes are one joint each."""
+    """Tree of the arm, in which each telescope is one joint."""
     sweeps: dict[str, Sweep]
-    """Links within these."""
+    """Links inside telescopes."""
 
     def held_rows(self) -> tuple[tuple[str, str], ...]:
         """Return other arms of the tree: the first and the last joint of each."""
@@ -43,7 +43,7 @@ class Chain(NamedTuple):
         for end in self.tree.ends():
             path = self.tree.path(end)
             if self.joints[-1] in path:
-                continue  # Held by the arm.
+                continue  # Held by the arm's file.
             row = [joint for joint in path if joint.moves and joint not in own]
             if len(row) >= LEAST_OF_ANOTHER and len(row) > len(rows.get(row[0].name, ())):
                 rows[row[0].name] = row
@@ -56,14 +56,14 @@ def unit_of(kind: str) -> float:
 
 
 def no_link(key: str, name: str, links: Iterable[str]) -> ConfigurationError:
-    """Make the error of a setting `key` that names a link which is none of `links`."""
+    """Make the error of a setting `key` that names a link which is not among `links`."""
     there = tuple(links)
     words = f"there is no link {name!r}; allowed: {', '.join(there)}{suggestion(name, there)}"
     return ConfigurationError(key, words)
 
 
 def chain_of(tree: Tree, file: ArmFile) -> Chain:
-    """Raises ConfigurationError."""
+    """Select the arm. Raises ConfigurationError."""
     tcp = file.tcp or _only_end(tree)
     for key, link in (("tcp", tcp), ("base", file.base)):
         if link and link not in tree.links:
@@ -153,8 +153,8 @@ def _refuse_lost(tree: Tree, path: list[TreeJoint]) -> None:
 def _leader_of_telescope(
     tree: Tree, path: list[TreeJoint], moving: list[TreeJoint]
 ) -> TreeJoint | None:
-    """The first of the arm's joints that others follow. Raises ConfigurationError where they are
-    no telescope."""
+    """Return the first of the arm's joints that others follow. Raises ConfigurationError if they
+    are no telescope."""
     for joint in path:
         leader = tree.leader(joint.name)[0]
         if joint.mimic is None or leader not in moving:
@@ -166,7 +166,7 @@ def _leader_of_telescope(
 
 
 def _mimicry(joint: TreeJoint, leader: TreeJoint, moving: list[TreeJoint]) -> ConfigurationError:
-    """Make the error of a `joint` that follows `leader` where both are within the arm."""
+    """Make the error of a `joint` that follows `leader` if both are within the arm."""
     others = json.dumps([each.name for each in moving if each is not leader], ensure_ascii=False)
     if len(moving) == 1:
         return ConfigurationError(

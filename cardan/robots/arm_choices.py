@@ -1,5 +1,5 @@
 """Defaults for an arm whose files leave them open: its home, and the pairs of bodies that are not
-kept apart because they touch in every posture."""
+checked for collisions because they touch in every posture."""
 
 from __future__ import annotations
 
@@ -17,26 +17,28 @@ from cardan.robots.arm_bodies import (
 from cardan.robots.arm_model import ArmModel, JointKind
 
 HOMES = 1_000
-"""Postures of which the home is chosen."""
+"""Number of postures to choose the home from."""
 
 MIDDLE_SHARE = 0.5
-"""Part of each range, about its middle, that a home is chosen in."""
+"""Share of each range, about its middle, in which a home is chosen."""
 
 FARTHEST_RAD = math.pi / 2.0
 """Largest distance from the middle, for joints with a long range or none."""
 
 HOME_ROOMS_M = (0.02, 0.01, 0.005, 0.0)
-"""Between bodies at home: the first that any posture has. Wrists may be a few mm apart always."""
+"""Distances between bodies at home, tried in order: bodies of a wrist may always be a few mm
+apart."""
 
 AS_GOOD = 0.9
-"""Part of the largest smallest singular value from which postures count as conditioned alike."""
+"""Share of the largest smallest singular value from which on postures count as equally
+conditioned."""
 
 POSTURES = 10_000
-"""In all of which bodies touch that are not kept apart, as MoveIt's setup assistant has it."""
+"""Random postures in all of which unchecked bodies touch, as in MoveIt's setup assistant."""
 
 
 def pairs_to_watch(arm: ArmModel) -> list[tuple[int, int]]:
-    """Return the pairs of the arm's shapes, by number, that are kept apart."""
+    """Return the pairs of the arm's shapes, by number, that are checked for collisions."""
     return [
         (first, second)
         for first, second in itertools.combinations(range(len(arm.shapes)), 2)
@@ -45,10 +47,10 @@ def pairs_to_watch(arm: ArmModel) -> list[tuple[int, int]]:
 
 
 def touching_shapes(arm: ArmModel) -> frozenset[tuple[int, int]]:
-    """Of the pairs to watch, those of whose names some touch in each of 10,000 random postures: a
-    link that is covered with several shapes touches if any of them does."""
+    """Return the checked pairs of link names that touch in each of 10,000 random postures: a link
+    covered with several shapes touches if any of them does."""
     bodies = _Bodies(arm)
-    # A continuous joint turns once; the others have all of their range.
+    # Continuous joints cover one turn, the others their whole range.
     lower = np.maximum(arm.lower, [_ends(joint.kind)[0] for joint in arm.joints])
     upper = np.minimum(arm.upper, [_ends(joint.kind)[1] for joint in arm.joints])
     of_links: dict[Any, set[int]] = {}
@@ -58,7 +60,7 @@ def touching_shapes(arm: ArmModel) -> frozenset[tuple[int, int]]:
     for q in np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(arm.joints))):
         if not of_links:
             break
-        # Bodies that were apart once are not checked again: a thousandth of the work remains.
+        # Bodies that were apart once are not checked again, which leaves a thousandth of the work.
         touching = bodies.touching(q)
         of_links = {links: pairs for links, pairs in of_links.items() if pairs & touching}
         bodies.watch_only(set().union(*of_links.values()))
@@ -70,13 +72,13 @@ def _ends(kind: JointKind) -> tuple[float, float]:
 
 
 def bent_home(arm: ArmModel) -> tuple[float, ...]:
-    """The best-conditioned of 1,000 postures near the middle of each range in which bodies have
-    room between them; where they touch in all, the best-conditioned of all.
+    """Choose the best-conditioned of 1,000 postures near the middle of each range without near
+    bodies; if they touch in all, the best-conditioned of all.
 
-    Of postures conditioned nearly as well as the best, it is the one whose joints carry the least
-    (the norm of the torques and forces by gravity; a difference of a tenth of the largest counts),
-    and of several such ones the one nearest to the middle. Whole degrees and millimeters, so that
-    it can be read, but for the middle itself.
+    Among nearly equally conditioned postures, the one with the least load on its joints is chosen
+    (norm of the torques and forces by gravity; a difference of a tenth of the largest counts), and
+    among these the one nearest to the middle. Values are rounded to degrees and millimeters for
+    readability, except the middle itself.
     """
     postures = _postures(arm)
     model = pinocchio_model(arm)
@@ -111,7 +113,7 @@ def bent_home(arm: ArmModel) -> tuple[float, ...]:
 
 
 def _postures(arm: ArmModel) -> FloatArray:
-    """The middle of each range, and others around it."""
+    """Yield the middle of each range, and other postures around it."""
     middle, room, unit = [], [], []
     for joint in arm.joints:
         endless = joint.kind is JointKind.CONTINUOUS
@@ -126,7 +128,7 @@ def _postures(arm: ArmModel) -> FloatArray:
 
 
 class _Bodies:
-    """The shapes that are kept apart: which touch, or come nearer than `set_room` says."""
+    """Checked shapes: which touch, or come nearer than `set_room` allows."""
 
     def __init__(self, arm: ArmModel) -> None:
         self.pairs = pairs_to_watch(arm)
@@ -147,20 +149,20 @@ class _Bodies:
             self._found.collisionRequests[number].security_margin = room_m
 
     def touch(self, q: FloatArray) -> bool:
-        """Whether any of `pairs` touch at `q`."""
+        """True if any of `pairs` touch at `q`."""
         any_do: bool = pin.computeCollisions(
             self._model, self._data, self._geometry, self._found, q, True
         )
         return any_do
 
     def watch_only(self, numbers: set[int]) -> None:
-        """Check only these of `pairs`; the others never touch."""
+        """Check only these of `pairs`; the others count as apart."""
         for number in self._watched - numbers:
             self._found.deactivateCollisionPair(number)
         self._watched = set(numbers)
 
     def touching(self, q: FloatArray) -> set[int]:
-        """The numbers of `pairs` that touch at `q`."""
+        """Return the numbers of `pairs` that touch at `q`."""
         pin.computeCollisions(self._model, self._data, self._geometry, self._found, q, False)
         results: Any = self._found.collisionResults
         return {number for number in self._watched if results[number].isCollision()}

@@ -1,4 +1,4 @@
-"""TOML beside a URDF: settings that a URDF cannot have."""
+"""TOML beside a URDF: settings that a URDF cannot express."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _Positive = Annotated[float, Range(0.0, LARGEST_NUMBER, "", "", above=True)]
 
 @dataclass(frozen=True, kw_only=True)
 class SolidTable(Options):
-    """Something solid: its name, and one of the keys that give it a shape."""
+    """A solid body: its name, and one of the keys that give its shape."""
 
     FORMS: ClassVar[Mapping[str, str]] = {
         "box": "[corner, corner]",
@@ -45,7 +45,7 @@ class SolidTable(Options):
             self.shape()
 
     def shape(self) -> Shape | None:
-        """The box or the capsule; None where it is neither."""
+        """The box or the capsule; None if it is neither."""
         if self.box is not None:
             return OrientedBox.between(*(Vector3(*corner) for corner in self.box))
         if self.capsule is not None:
@@ -56,12 +56,12 @@ class SolidTable(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeTable(SolidTable):
-    """``[[collision.shape]]``: along the axes of the link that it is fixed to."""
+    """``[[collision.shape]]``, along the axes of the link that it is fixed to."""
 
     name: str = ""
-    """Empty: the link's."""
+    """Name; empty: the link's."""
     link: str = ""
-    """Empty: the base."""
+    """Link; empty: the base."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,11 +69,11 @@ class CollisionTable(Options):
     """``[collision]``"""
 
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs of links, or of names of shapes, whose bodies always touch, besides neighbors."""
+    """Pairs of links, or of names of shapes, that always touch, besides neighbors."""
     meshes: Literal["fit", "ignore"] = "fit"
-    """Whether meshes are covered, or count as nothing."""
+    """Treatment of meshes: covered by shapes, or ignored."""
     fit: Literal["tight", "coarse"] = "tight"
-    """By up to four capsules and boxes each, or by one."""
+    """Cover of a mesh: up to four capsules and boxes, or one."""
     shape: tuple[ShapeTable, ...] = ()
 
 
@@ -82,35 +82,36 @@ class ArmFile(Options):
     """Contents of the file."""
 
     urdf: str
-    """From the folder of this file, or ``PACKAGE:FILE``; a ``.xacro`` is expanded."""
+    """Path from the folder of this file, or ``PACKAGE:FILE``; a ``.xacro`` is expanded."""
     xacro: Mapping[str, str] = field(default_factory=dict)
-    """Arguments for that."""
+    """Arguments for xacro."""
     srdf: str = ""
-    """Likewise; says which links are not kept apart. Empty: found out by 10,000 postures."""
+    """SRDF, likewise, with the links that are not checked. Empty: determined from 10,000
+    postures."""
     tcp: str = ""
-    """Link whose frame is the TCP; default: the last one, where there is one."""
+    """Link whose frame is the TCP; default: the last link, if there is one."""
     flange: str = ""
     base: str = ""
-    """Link whose frame is the arm's; default: the root, or where other joints than fixed ones
-    stand before it, what carries the first joint."""
+    """Link whose frame is the arm's base; default: the root, or if moving joints precede the arm,
+    the link that carries its first joint."""
     joints: tuple[str, ...] = ()
-    """Those that move, of all between `base` and `tcp`; empty: all."""
+    """Joints of the arm, of those between `base` and `tcp`; empty: all."""
     hold: Mapping[str, _Number] = field(default_factory=dict)
     """Positions of other joints, deg or m; default: nearest to 0 in their range."""
     package_dirs: tuple[str, ...] = ()
-    """Folders of packages, from the folder of the URDF, before all others."""
+    """Folders of packages, relative to the URDF's folder, searched before all others."""
     home_deg: tuple[_Number, ...] | None = None
-    """Revolute joints in deg, prismatic ones in m; default: chosen bent."""
+    """Home, revolute joints in deg, prismatic ones in m; default: a bent posture is chosen."""
     velocity_deg_s: Mapping[str, _Positive] = field(default_factory=dict)
-    """Speeds by joint, m/s for prismatic ones; used instead of the URDF's, as are the next."""
+    """Speeds by joint, deg/s, m/s for prismatic ones; they replace the URDF's, as do the next."""
     lower_deg: Mapping[str, _Number] = field(default_factory=dict)
-    """Ends of ranges, m for prismatic joints."""
+    """Ends of ranges, deg, m for prismatic joints."""
     upper_deg: Mapping[str, _Number] = field(default_factory=dict)
     effort: Mapping[str, _Positive] = field(default_factory=dict)
-    """N·m, or N."""
+    """Efforts, N·m, or N for prismatic joints."""
     acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
-    """A value for all joints, or one for each; of prismatic joints in m/s²."""
+    """One value for all joints, or one each; deg/s², m/s² for prismatic joints."""
     counterbalance: str = ""
-    """Last joint from the base that springs relieve of the arm's weight; empty: there are none."""
+    """Last joint from the base whose weight springs carry; empty: there are none."""
     task: Task = field(default_factory=Task)
     collision: CollisionTable = field(default_factory=CollisionTable)

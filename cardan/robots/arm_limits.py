@@ -21,7 +21,7 @@ _KEYS = {
     "effort": "effort",
 }
 LIMIT_KEYS = tuple(_KEYS.values())
-"""Tables of the arm's file."""
+"""Tables of limits in the arm's file."""
 _CAREFUL_SPEED = 10.0
 _CAREFUL_SPEED_M_S = 0.05
 _CAREFUL_WAY = 45.0
@@ -36,12 +36,12 @@ class Proposal(NamedTuple):
     joint: str
     value: float
     remark: str
-    """Its unit, and the URDF's value."""
+    """Unit of the value, and the URDF's text."""
 
 
 def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
-    """Raises ConfigurationError: of a key for what the arm's file has wrong, of none for what is
-    wrong in the URDF, or is missing, all of it at once."""
+    """Return the limits. Raises ConfigurationError: with a key for errors of the arm's file,
+    without one for errors of the URDF and for missing limits, all of them at once."""
     _check_names(joints, file)
     found, missing = _found(joints, file)
     if missing:
@@ -59,7 +59,8 @@ def proposals_for(joints: Sequence[TreeJoint], file: ArmFile) -> list[Proposal]:
 
 
 def limit_lines(proposals: Iterable[Proposal], file: ArmFile | None = None) -> list[str]:
-    """The tables of the arm's file that have them, besides the limits that `file` has."""
+    """Return the tables of the arm's file with the proposals, besides the limits that `file`
+    has."""
     lines: list[str] = []
     for key in LIMIT_KEYS:
         of_key = [each for each in proposals if each.key == key]
@@ -75,7 +76,7 @@ def limit_lines(proposals: Iterable[Proposal], file: ArmFile | None = None) -> l
 def _found(
     joints: Sequence[TreeJoint], file: ArmFile
 ) -> tuple[list[Limits], dict[TreeJoint, dict[str, str]]]:
-    """The limits, and by joint those that are missing, with what the URDF has in their place."""
+    """Return the limits, and by joint the missing ones, with the URDF's text for them."""
     found, missing = [], {}
     for joint in joints:
         limits, lacks = joint.limits()
@@ -88,7 +89,7 @@ def _found(
 
 
 def limited_by(file: ArmFile) -> set[str]:
-    """The joints of which the arm's file has limits."""
+    """Return the joints whose limits the arm's file has."""
     return {name for key in LIMIT_KEYS for name in getattr(file, key)}
 
 
@@ -177,8 +178,8 @@ def _proposals(
 
 
 def _proposal(joint: TreeJoint, field: str, limits: Limits) -> float:
-    """deg or m. The end of a range is 0 where the other one allows it: so the specification has it
-    where nothing is said."""
+    """Propose a limit, deg or m. The end of a range is 0 if the other end allows it, as the URDF
+    specification has it for a missing one."""
     prismatic = joint.kind == JointKind.PRISMATIC.value
     if field == "velocity":
         return _CAREFUL_SPEED_M_S if prismatic else _CAREFUL_SPEED

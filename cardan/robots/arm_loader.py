@@ -1,8 +1,8 @@
 """Loader of arms by name or file.
 
-`cardan/robots` holds ours, and :func:`load_arm` takes the path of any other. A table beside each of
-ours has what Pinocchio reads of it, so that drivers and simulated peers need no Pinocchio;
-``python -m tests.arm_tables`` writes them.
+`cardan/robots` has the built-in arms, and :func:`load_arm` takes the path of any other. A table
+beside each built-in arm has Pinocchio's reading of it, so that drivers and simulated peers need no
+Pinocchio; ``python -m tests.arm_tables`` writes the tables.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
 
 class ArmTexts:
-    """The files of an arm, as they are before anything is made of them.
+    """Texts of an arm's files.
 
-    Raises ConfigurationError for files that cannot be read, and for a ``.toml`` or ``.srdf`` that
-    is wrong; ExtraMissingError for a ``.xacro`` where xacro is missing.
+    Raises ConfigurationError for unreadable files, and for an invalid ``.toml`` or ``.srdf``;
+    ExtraMissingError for a ``.xacro`` if xacro is missing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,7 +77,7 @@ class ArmTexts:
 
     @contextlib.contextmanager
     def _blamed(self) -> Iterator[None]:
-        """Errors of a key are the ``.toml``'s, others the URDF's."""
+        """Attribute errors of a key to the ``.toml``, others to the URDF."""
         try:
             yield
         except ConfigurationError as error:
@@ -95,14 +95,15 @@ def _build(
 ) -> ArmModel:
     tree = read_tree(text)
     meshes = meshes_of(tree, file, path)
-    # An extra: what is read from a table needs none.
+    # An extra: reading from a table needs none.
     from cardan.robots.arm_reader import build_arm
 
     return build_arm(tree, file, meshes, disabled)
 
 
 def parse_urdf(text: str) -> ArmModel:
-    """The arm that a URDF describes, from base to tip, with defaults for all it cannot say.
+    """Make the arm of a URDF, from base to tip, with defaults for everything that a URDF cannot
+    express.
 
     Raises ConfigurationError for text that is not URDF, has several ends, lacks a limit, has
     invalid numbers, or has meshes where primitives are needed; ExtraMissingError.
@@ -111,20 +112,18 @@ def parse_urdf(text: str) -> ArmModel:
 
 
 def arm_names() -> tuple[str, ...]:
-    """The arms there are, sorted."""
+    """Return the names of the built-in arms, sorted."""
     return tuple(sorted(file.stem for file in FOLDER.glob("*.urdf")))
 
 
 @cache
 def load_arm(name_or_file: str, key: str = "") -> ArmModel:
-    """One of our arms by name, or one from a ``.toml``, ``.urdf``, ``.xacro`` or ``.xml``
+    """Load a built-in arm by name, or an arm from a ``.toml``, ``.urdf``, ``.xacro`` or ``.xml``
     (MJCF) file.
 
-    The file is given as a path, or as ``PACKAGE:FILE`` where an installed package brings it.
-
-    Raises ConfigurationError that names the option `key` which asks for it, the file, what is
-    wrong in it, and what is allowed; ExtraMissingError where Pinocchio is missing and the file was
-    never read by it, or where xacro is missing.
+    The file is given as a path, or as ``PACKAGE:FILE`` if it is in an installed package. Raises
+    ConfigurationError with the option `key`, the file, its error, and the allowed values;
+    ExtraMissingError if Pinocchio is missing and has never read the file, or if xacro is missing.
     """
     if key:
         with below(key):
@@ -148,7 +147,7 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
 
 
 def our_texts(name: str) -> ArmTexts:
-    """The files of one of our arms."""
+    """Return the files of a built-in arm."""
     path = FOLDER / f"{name}.toml"
     return ArmTexts(path if path.exists() else path.with_suffix(".urdf"))
 
@@ -160,8 +159,8 @@ def _ours(name: str) -> ArmModel:
 
 
 def located(name: str, folder: Path) -> Path:
-    """A file in `folder`, or in the package that the name begins with (``PACKAGE:FILE``). Raises
-    ConfigurationError."""
+    """Return a file in `folder`, or in the package that the name begins with (``PACKAGE:FILE``).
+    Raises ConfigurationError."""
     package, colon, file = name.partition(":")
     if not (colon and package.isidentifier()):
         return folder / expanded(name)

@@ -1,7 +1,7 @@
 """Arm models as data. Joints are in kinematic order, angles in rad, lengths in m.
 
-Body 0 is the base, with all that the joints do not move; body i is what joint i moves. Links that
-fixed or held joints weld together are one body.
+Body 0 is the base with everything that no joint moves; body i is moved by joint i. Links that are
+joined by fixed or held joints are one body.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from cardan.spatial import add, compose, from_rotation_vector, scale, subtract
 from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, JointLimits, Pose, Vector3
 
 TIME_TO_FULL_SPEED_S = 0.2
-"""Makers rarely publish joint accelerations. Where the arm's file gives none, a joint is taken to
-reach full speed in this time: within what industrial arms of this size do at full load."""
+"""Time to full speed that is assumed for joints without an acceleration in the arm's file, since
+makers rarely publish it: within the performance of industrial arms of this size at full load."""
 
 
 class JointKind(enum.Enum):
@@ -28,28 +28,28 @@ class JointKind(enum.Enum):
 
     REVOLUTE = "revolute"
     CONTINUOUS = "continuous"
-    """Turns for ever; its range is infinite."""
+    """Revolute without limits; its range is infinite."""
     PRISMATIC = "prismatic"
 
 
 class ArmJoint(NamedTuple):
-    """Joint: T(placement) and then the motion along or about `axis`."""
+    """Joint transform: T(placement), then the motion along or about `axis`."""
 
     name: str
     kind: JointKind
     placement: Pose
-    """Placement of the joint in the body before it, at zero."""
+    """Pose of the joint in the previous body, at zero."""
     axis: Vector3
     """Unit vector in the joint's frame."""
     lower: float
-    """rad or m; -inf for a continuous joint."""
+    """Lower end of the range, rad or m; -inf for a continuous joint."""
     upper: float
     velocity: float
-    """rad/s or m/s."""
+    """Highest speed, rad/s or m/s."""
     acceleration: float
-    """rad/s² or m/s²."""
+    """Highest acceleration, rad/s² or m/s²."""
     effort: float
-    """N·m or N; infinite where it is not published."""
+    """Highest torque or force, N·m or N; infinite if it is not published."""
 
 
 class BodyInertia(NamedTuple):
@@ -58,7 +58,7 @@ class BodyInertia(NamedTuple):
     mass_kg: float
     center_m: Vector3
     moments: Moments
-    """xx, xy, xz, yy, yz, zz about the center of mass, body axes, kg·m²."""
+    """Inertia about the center of mass, body axes, kg·m²: xx, xy, xz, yy, yz, zz."""
 
 
 class Capsule(NamedTuple):
@@ -70,7 +70,7 @@ class Capsule(NamedTuple):
 
 
 class OrientedBox(NamedTuple):
-    """A box about its `pose`."""
+    """A box centered at its `pose`."""
 
     pose: Pose
     size_m: Vector3
@@ -102,12 +102,12 @@ class BodyShape(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Task(Options):
-    """``[task]``: which of the six directions the arm is to follow, and how much they count."""
+    """``[task]``: the directions that the arm follows, and their weights."""
 
     axes: Literal["tcp", "base"] = "tcp"
     """Frame of the weights."""
     weights: SixWeights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    """x y z rx ry rz; 0 leaves a direction free."""
+    """Weights of x y z rx ry rz; 0 leaves a direction free."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -122,36 +122,36 @@ class ArmModel(NamedTuple):
     flange: Pose
     """Pose of the flange in the last body."""
     tcp: Pose
-    """Tool center point without any further tool, in the last body."""
+    """Tool center point without an additional tool, in the last body."""
     inertias: tuple[BodyInertia, ...]
-    """Inertias of bodies 1 to n; zero where the URDF gives none."""
+    """Inertias of bodies 1 to n; zero if the URDF has none."""
     shapes: tuple[BodyShape, ...]
     """Shapes of the arm, and of links fixed to its base (body 0)."""
     ignored_pairs: frozenset[tuple[int, int]]
     """Bodies that always touch besides neighbors, lower index first."""
     home: tuple[float, ...]
-    """A configuration to start from, rad or m, inside limits."""
+    """Initial configuration, rad or m, inside the limits."""
     task: Task
     urdf: str
     """URDF of the arm alone: no other joint moves, and its base is the root."""
     counterbalanced_joints: int = 0
-    """Number of joints from the base that springs relieve of the arm's weight; 0: none."""
+    """Number of joints from the base whose weight springs carry; 0: none."""
     solid_links: tuple[str, ...] = ()
-    """Links that the joints move and that ought to have a body: those with a shape to see or to
-    touch, and of what one joint moves the first where none has."""
+    """Moved links that ought to have a body: those with a visual or collision shape, and the first
+    link that a joint moves if none of its links has one."""
     bare_links: tuple[str, ...] = ()
-    """Those of `solid_links` without a body: nothing keeps them away from anything."""
+    """Members of `solid_links` without a body, which no collision check protects."""
     missing_meshes: tuple[str, ...] = ()
     """Missing meshes of these, and the places searched for them."""
     disabled_shapes: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of `shapes` that an SRDF does not check, by number, lower first."""
+    """Pairs of `shapes` that an SRDF excludes from checks, by number, lower first."""
     touching_shapes: frozenset[tuple[int, int]] = frozenset()
-    """Those of links that touch in every posture, likewise."""
+    """Pairs of shapes of links that touch in every posture, likewise."""
     held_rows: tuple[tuple[str, str], ...] = ()
     """Other arms of the same description, which are held: the first and the last joint of each."""
 
     def keeps_apart(self, bodies: tuple[int, int], shapes: tuple[int, int]) -> bool:
-        """Whether two of `shapes`, by number, lower first, may not touch."""
+        """True if two of `shapes`, by number, lower first, are checked for collisions."""
         low, high = sorted(bodies)
         return (
             high - low > 1
@@ -161,7 +161,7 @@ class ArmModel(NamedTuple):
         )
 
     def touching_names(self) -> list[tuple[str, str]]:
-        """Each pair of names of `touching_shapes` once."""
+        """Return each pair of names of `touching_shapes` once."""
         pairs = sorted(self.touching_shapes)
         return list(
             dict.fromkeys((self.shapes[one].name, self.shapes[other].name) for one, other in pairs)
@@ -179,7 +179,7 @@ class ArmModel(NamedTuple):
 
     @property
     def home_tcp(self) -> Pose:
-        """The TCP in the base with the joints at `home`, without Pinocchio."""
+        """TCP in the base frame with the joints at `home`, computed without Pinocchio."""
         pose = IDENTITY_POSE
         for joint, value in zip(self.joints, self.home, strict=True):
             way = scale(joint.axis, value)
@@ -206,7 +206,7 @@ class ArmModel(NamedTuple):
         )
 
     def links_without_body(self) -> str:
-        """Say how many links have no body, and which; empty: all have one."""
+        """Describe the links without a body; empty if all have one."""
         bare = self.bare_links
         if not bare:
             return ""
@@ -214,7 +214,8 @@ class ArmModel(NamedTuple):
         return "; ".join((words, *self.missing_meshes))
 
     def without(self, other: ArmModel) -> ArmModel:
-        """Return the arm without links that `other`, an arm of the same robot, moves: held here."""
+        """Return the arm without links that `other`, an arm of the same robot, moves and that are
+        held here."""
         theirs = {shape.name for shape in other.shapes if shape.body > 0}
         retained = [
             number
@@ -234,7 +235,7 @@ class ArmModel(NamedTuple):
         )
 
     def require_bodies(self, key: str) -> None:
-        """Raise ConfigurationError of the setting `key` where links have no body."""
+        """Raise ConfigurationError of the setting `key` if links have no body."""
         if bare := self.links_without_body():
             raise ConfigurationError(
                 key,
@@ -250,16 +251,16 @@ class ArmModel(NamedTuple):
 
     @property
     def lower(self) -> tuple[float, ...]:
-        """rad or m."""
+        """Lower ends of the ranges, rad or m."""
         return tuple(joint.lower for joint in self.joints)
 
     @property
     def upper(self) -> tuple[float, ...]:
-        """rad or m."""
+        """Upper ends of the ranges, rad or m."""
         return tuple(joint.upper for joint in self.joints)
 
     def holds(self, positions: Sequence[float]) -> bool:
-        """Whether this is a position of each joint, inside its range."""
+        """True if this has a position for each joint, inside its range."""
         return len(positions) == len(self.joints) and all(
             joint.lower <= value <= joint.upper
             for joint, value in zip(self.joints, positions, strict=True)
@@ -267,7 +268,7 @@ class ArmModel(NamedTuple):
 
     @property
     def velocity(self) -> tuple[float, ...]:
-        """rad/s or m/s."""
+        """Highest speeds, rad/s or m/s."""
         return tuple(joint.velocity for joint in self.joints)
 
     @property

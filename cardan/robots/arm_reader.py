@@ -1,4 +1,4 @@
-"""Model of an arm out of a URDF, by Pinocchio."""
+"""Construction of an arm's model from a URDF, by Pinocchio."""
 
 from __future__ import annotations
 
@@ -32,24 +32,25 @@ from cardan.spatial import compose, norm, rotate, scale, subtract, transform
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
 
 _END_CAP_TOLERANCE_M = 1e-4
-"""A sphere that sticks out of a cylinder's rounded end by less is the end of that capsule."""
+"""Largest protrusion of a sphere from a cylinder's rounded end that still forms a capsule, m."""
 
 _HOME_TOLERANCE = 1e-3
-"""rad or m: by how much the file's home may be outside its limits, which are rounded elsewhere."""
+"""Tolerance of the file's home against its limits, which may be rounded elsewhere, rad or m."""
 
 
 class _Link(NamedTuple):
-    """Place of a link: the body that it is part of, and its frame in that body's."""
+    """Place of a link: the body that it belongs to, and its frame in that body's."""
 
     body: int
     pose: Pose
 
 
 class _Links(dict[str, _Link]):
-    """The links by name, those before others that hang on them."""
+    """Links by name, parents before children."""
 
     def get_link(self, name: str, key: str) -> _Link:
-        """Return a link; ConfigurationError of the setting `key` if there is none of that name."""
+        """Return a link. Raises ConfigurationError of the setting `key` if there is none of that
+        name."""
         if name not in self:
             raise no_link(key, name, self)
         return self[name]
@@ -61,11 +62,11 @@ def build_arm(
     meshes: Mapping[ET.Element, FoundMesh],
     disabled: frozenset[tuple[str, str]] | None = None,
 ) -> ArmModel:
-    """`meshes` are those of the tree's collision elements, `disabled` the pairs of links that an
-    SRDF has; None: there is no SRDF.
+    """Build the arm.
 
-    Raises ConfigurationError: with a key for what the arm's file asks, without one for what is
-    wrong in the URDF.
+    `meshes` are those of the tree's collision elements, `disabled` the pairs of links that an SRDF
+    excludes; None: there is no SRDF. Raises ConfigurationError: with a key for errors of the arm's
+    file, without one for errors of the URDF.
     """
     chain = chain_of(tree, file)
     tree = chain.tree
@@ -141,8 +142,8 @@ def build_arm(
 def _reduced(
     tree: Tree, chain: Chain, text: str, limits: Mapping[str, Limits]
 ) -> tuple[Any, Any, str]:
-    """Pinocchio's model of the chain in the normal form `text`, all else held; its shapes; and the
-    same as a URDF, with `limits` in it."""
+    """Return Pinocchio's model of the chain in the normal form `text` with all other joints held,
+    its shapes, and the same as a URDF with `limits`."""
     numbers = {name: number for number, name in enumerate(tree.joints)}
     try:
         model = pin.buildModelFromXML(text)
@@ -159,8 +160,8 @@ def _reduced(
 
 
 def _urdf_of(tree: Tree, chain: Chain, limits: Mapping[str, Limits], model: Any, q: Any) -> str:
-    """URDF of the arm alone: its joints are the only ones that move, and its base is the root. That
-    of the file where it is so."""
+    """Return the URDF of the arm alone: only its joints move, and its base is the root. This is the
+    file's URDF if that is so already."""
     held = [joint for joint in tree.joints.values() if joint.kind in LOOSE]
     held += [tree.joints[name] for name in chain.held]
     if not held and not limits and chain.base == tree.root:
@@ -242,7 +243,7 @@ def _counterbalanced(joints: list[ArmJoint], last: str) -> int:
 
 
 def published_home(joints: Sequence[ArmJoint], tree: Tree) -> tuple[float, ...]:
-    """The file's own, to which limits may be rounded; empty where it has none within them."""
+    """Return the file's own home, clipped to rounded limits; empty if it has none within them."""
     there, home = tree.home(), []
     for joint in joints:
         value = there.get(joint.name, math.nan)
@@ -253,7 +254,7 @@ def published_home(joints: Sequence[ArmJoint], tree: Tree) -> tuple[float, ...]:
 
 
 def _home(joints: list[ArmJoint], given: tuple[float, ...] | None, tree: Tree) -> tuple[float, ...]:
-    """Empty where none is given: all of the arm is needed to choose one."""
+    """Return the configured or the file's home; empty if there is none: a choice needs the arm."""
     if given is None:
         return published_home(joints, tree)
     home = _each("home_deg", given, joints)
@@ -279,14 +280,15 @@ def _inertia(inertia: Any) -> BodyInertia:
 
 
 def _placed(shape: Shape, pose: Pose) -> Shape:
-    """`shape` in the frame that `pose` is in."""
+    """Return `shape` in the frame that `pose` is in."""
     if isinstance(shape, OrientedBox):
         return OrientedBox(compose(pose, shape.pose), shape.size_m)
     return Capsule(transform(pose, shape.start), transform(pose, shape.end), shape.radius_m)
 
 
 def _shape(geometry: Any, pose: Pose) -> Shape:
-    """A cylinder counts as the capsule around it: 500 times cheaper than a mesh, and safe."""
+    """Convert a shape. A cylinder becomes the capsule around it: 500 times cheaper than a mesh, and
+    safe."""
     if isinstance(geometry, coal.Box):
         return OrientedBox(pose, _vector(2.0 * geometry.halfSide))
     half = 0.0 if isinstance(geometry, coal.Sphere) else geometry.halfLength
@@ -330,7 +332,7 @@ def _shapes(
 def _swept_shapes(
     shapes: Sequence[BodyShape], owners: Sequence[str], chain: Chain, joints: Sequence[ArmJoint]
 ) -> list[BodyShape]:
-    """`owners` are the links of the shapes."""
+    """Extend shapes by their sweep; `owners` are the links of the shapes."""
     found = []
     for each, owner in zip(shapes, owners, strict=True):
         shape = each.shape
@@ -360,7 +362,7 @@ def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:
 def _own_shapes(
     chain: Chain, links: _Links, table: CollisionTable
 ) -> tuple[list[BodyShape], list[str]]:
-    """And the link of each."""
+    """Return the URDF's own shapes, and the link of each."""
     found, owners = [], []
     for each in table.shape:
         link = each.link or chain.base
@@ -372,7 +374,8 @@ def _own_shapes(
 
 
 def _without_end_caps(shapes: list[Shape]) -> list[Shape]:
-    """A capsule is often written as a cylinder and two spheres, which it swallows."""
+    """Remove spheres at a cylinder's ends, a common form of a capsule: the cylinder's capsule
+    covers them."""
     long = [c for c in shapes if isinstance(c, Capsule) and c.start != c.end]
 
     def swallowed(sphere: Capsule) -> bool:
@@ -410,7 +413,7 @@ def _pairs(
 def _disabled_shapes(
     owners: Sequence[str], disabled: Iterable[tuple[str, str]]
 ) -> frozenset[tuple[int, int]]:
-    """Pairs of shapes by number, of pairs of the links that they are of."""
+    """Return the pairs of shapes, by number, of pairs of links."""
     of_link: dict[str, list[int]] = {}
     for number, link in enumerate(owners):
         of_link.setdefault(link, []).append(number)

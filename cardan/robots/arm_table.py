@@ -1,5 +1,5 @@
-"""An arm's model as JSON: the built-in arms for programs without Pinocchio, and a cache of all
-others, so that loading one again takes milliseconds."""
+"""JSON tables of arms' models: the built-in arms for programs without Pinocchio, and a cache of all
+others, which reloads one within milliseconds."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ _SOURCES = (
     "telescope.py",
     "urdf.py",
 )
-"""Modules that make a model out of files: a kept model is void when one changes."""
+"""Modules that convert files to a model: a cached model is void when one of them changes."""
 KIND = "arms"
 _T = TypeVar("_T")
 
 
 def to_table(arm: ArmModel, key: str, urdf: str) -> str:
-    """Serialize an arm made of files with this `content_key`, the text `urdf` among them."""
+    """Serialize an arm built from files with this `content_key`, including the text `urdf`."""
     table = {name: _plain(value) for name, value in arm._asdict().items() if value != urdf}
     rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in table.items())
     return f'{{"of": {json.dumps(key)},\n{rows}}}\n'
 
 
 def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
-    """Return the arm; None where the text is of files with another key, or damaged."""
+    """Return the arm; None if the text is from files with another key, or damaged."""
     try:
         table = json.loads(text)
         if table.pop("of") != key:
@@ -69,14 +69,14 @@ def made_from(kind: type[_T], text: str) -> _T | None:
 
 
 def stored_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
-    """Return the model that `keep_arm` has kept of these files; None: nothing."""
+    """Return the cached model of these files; None if there is none."""
     key = content_key((*parts, *_sources()))
     text = cached_text(KIND, key)
     return None if text is None else from_table(text, key, urdf)
 
 
 def keep_arm(parts: Sequence[str | bytes], urdf: str, arm: ArmModel) -> None:
-    """Keep the model for `stored_arm`, if the user has a writable folder for it."""
+    """Cache the model for `stored_arm`, if the user has a writable cache folder."""
     key = content_key((*parts, *_sources()))
     cache_text(KIND, key, to_table(arm, key, urdf))
 
@@ -98,9 +98,9 @@ def _plain(value: Any) -> Any:
 
 
 def _made(kind: Any, value: Any) -> Any:
-    """The value of type `kind` that `_plain` has made this of."""
+    """Return the value of type `kind` from which `_plain` made this."""
     origin, inner = get_origin(kind), get_args(kind)
-    if origin is UnionType:  # Of shapes, told apart by how many parts they have.
+    if origin is UnionType:  # Shapes are distinguished by their number of parts.
         (kind,) = (each for each in inner if len(each._fields) == len(value))
     if hasattr(kind, "_fields"):
         names, types = kind._fields, hints(kind)

@@ -1,4 +1,4 @@
-"""Springs that carry an arm's weight, in Pinocchio's terms."""
+"""Springs that carry an arm's weight, computed with Pinocchio."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ Array = npt.NDArray[np.float64]
 
 
 class Counterbalance:
-    """The springs of an arm's first joints: `ArmModel.counterbalanced_joints` of `model`.
+    """Springs of an arm's first joints: `ArmModel.counterbalanced_joints` of `model`.
 
-    Passive springs store what the weight of the arm gives, so their torques come from one
-    potential, of those joints alone: that of the arm with all joints after them rigid at zero.
-    They know neither a tool nor a load, which `model` must not have.
+    Passive springs store the potential energy of the arm, so their torques derive from a potential
+    of those joints alone: that of the arm with all later joints rigid at zero. It includes neither
+    a tool nor a load, which `model` must not have.
     """
 
     def __init__(self, model: Any, joints: int) -> None:
@@ -36,14 +36,12 @@ class Counterbalance:
 
     def torques(self, q: Array) -> Array:
         """Return the springs' torques at joint positions `q`, N·m or N; 0 after the last spring.
-
-        The array is the same at every call.
-        """
+        The array is reused by every call."""
         n = self._joints
         self._torques[:n] = pin.computeGeneralizedGravity(self._model, self._data, q[:n])
         return self._torques
 
     def energy_j(self, q: Array) -> float:
-        """Return the energy stored at `q`; its zero is arbitrary."""
+        """Return the energy stored at `q`, J; its zero is arbitrary."""
         weight_j: float = pin.computePotentialEnergy(self._model, self._data, q[: self._joints])
         return -weight_j

@@ -1,4 +1,4 @@
-"""Cache of fits of meshes, by content, in the user's cache folder."""
+"""Cache of shapes fitted to meshes, by content, in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ KIND = "fits"
 
 def fit_mesh(path: Path, how: How, scale: Vector3 = UNSCALED) -> Fit:
     """Fit shapes to the convex hull of the mesh at `path` by :func:`cardan.robots.fitting.fit`, or
-    take them from the cache where these bytes were fitted before. Raises ConfigurationError."""
+    take them from the cache if the same bytes were fitted before. Raises ConfigurationError."""
     data = read_mesh(path)
     key = content_key((data, plain_text((METHOD, how, *scale, path.suffix.lower()))))
     text = cached_text(KIND, key)

@@ -25,7 +25,7 @@ Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-METHOD: Final = 1
+METHOD: Final = 2
 """Grows with each change that gives other shapes."""
 
 MOST_PIECES: Final = 4
@@ -41,8 +41,8 @@ THINNEST_M: Final = 1e-4
 ROUNDING_M: Final = 1e-6
 """Margin of all pieces, besides the error of simplifying the hull."""
 
-_MOST_CORNERS: Final = 400
-_SIMPLER: Final = 5e-4
+_MOST_CORNERS: Final = 800
+_SIMPLER: Final = 2.5e-4
 """Corners that are nearer to the hull of the others are left out, as a share of its length."""
 _JOGGLE: Final = 1e-8
 """Corners are shifted by this share of the length: no four are then in one plane by chance."""
@@ -168,7 +168,14 @@ class Hull:
             _, first = np.unique(facet[far][order], return_index=True)
             refused |= self._insert(left[far][order][np.sort(first)[:room]])
         gaps = Triangles(self._points[self.facets[facet]]).distances(self._points[left])
-        self.margin_m = float(gaps.max(initial=0.0)) + 2.0 * _JOGGLE * length + ROUNDING_M
+        triangles = Triangles(self._points[self.facets])
+        gap = 0.0
+        for index in np.argsort(-gaps):
+            # A thin facet may be far from a point that is only a little beyond its plane.
+            if gaps[index] <= gap:
+                break
+            gap = max(gap, float(triangles.distances(self._points[left[index]]).min()))
+        self.margin_m = gap + 2.0 * _JOGGLE * length + ROUNDING_M
         used, renamed = np.unique(self.facets, return_inverse=True)
         self.corners: Floats = self._points[used]
         self.facets = renamed.reshape(self.facets.shape)
@@ -588,7 +595,7 @@ class _Cell:
         return _Cell(self._hull, self._axes, (*self._planes, plane))
 
 
-_CUT_SHARES: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
+_CUT_SHARES: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 """Shares of a cell's length along an axis at which it may be cut."""
 
 

@@ -22,14 +22,14 @@ class FoundMesh(NamedTuple):
     link: str
     mesh: Mesh
     path: Path | None = None
-    """Path; None: it is missing, or counts as nothing."""
+    """Path; None: missing or ignored."""
     missing: str = ""
     """Places searched in vain."""
 
 
 def meshes_of(tree: Tree, file: ArmFile, urdf: Path | None) -> dict[ET.Element, FoundMesh]:
-    """The meshes among the collision elements of the URDF at `urdf`, but of links that the arm's
-    file gives a shape. Raises ConfigurationError, for any mesh where there is no file."""
+    """Return the meshes of collision elements of the URDF at `urdf`, except of links that have a
+    shape in the arm's file. Raises ConfigurationError, also for any mesh if there is no file."""
     table, found = file.collision, {}
     given = {shape.link for shape in table.shape}
     folders = [] if urdf is None else package_folders(file, urdf)
@@ -52,12 +52,12 @@ def meshes_of(tree: Tree, file: ArmFile, urdf: Path | None) -> dict[ET.Element, 
 
 
 def find_mesh(uri: str, urdf: Path, folders: Sequence[Path] = ()) -> tuple[Path | None, str]:
-    """The file that a URDF at `urdf` calls `uri`; or None and all places where it was looked for.
+    """Find the file for `uri` in a URDF at `urdf`; return None and all searched places if there is
+    none.
 
     ``package://NAME/FILE`` is searched in `folders`, from the URDF's folder upward, in
-    ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; what is relative, beside the URDF and in `folders`;
-    ``file://`` and absolute paths are taken as they are. Raises ConfigurationError for what is no
-    such name.
+    ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; relative paths beside the URDF and in `folders`;
+    ``file://`` and absolute paths are used unchanged. Raises ConfigurationError for any other form.
     """
     looked: dict[str, None] = {}
     for place in _places(uri, urdf, folders):
@@ -75,8 +75,8 @@ def package_folders(file: ArmFile, urdf: Path) -> list[Path]:
 
 
 def find_package(name: str, urdf: Path, folders: Sequence[Path]) -> Path:
-    """The folder of a ROS package, searched as `find_mesh` does it; one that only has its name
-    where none has a package.xml. Raises ConfigurationError."""
+    """Return the folder of a ROS package, searched like `find_mesh`; a folder with only its name if
+    none has a package.xml. Raises ConfigurationError."""
     found = [folder for folder in _packages(name, urdf, folders) if os.path.isdir(folder)]
     if not found:
         raise ConfigurationError(
@@ -113,7 +113,7 @@ def _local(uri: str) -> Path:
 
 
 def _packages(name: str, urdf: Path, folders: Sequence[Path]) -> Iterator[Path]:
-    """Folders that may be that of the package."""
+    """Yield folders that may be the package's."""
     ros = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     for folder in (*folders, *urdf.absolute().parents, *map(Path, filter(None, ros))):
         if folder.name == name or _package_name(folder) == name:
@@ -135,7 +135,7 @@ def _package_name(folder: Path) -> str:
 
 
 def read_mesh(path: Path) -> bytes:
-    """The bytes of a mesh's file. Raises ConfigurationError."""
+    """Read the bytes of a mesh's file. Raises ConfigurationError."""
     try:
         with open_file(path) as file:
             data = read_up_to(file, MESH_BYTES + 1)

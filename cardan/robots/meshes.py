@@ -1,7 +1,7 @@
 """Reader of meshes: their corners, and the triangles between them.
 
-STL, OBJ and COLLADA (DAE) are read here and not by Assimp, which Coal brings: a damaged COLLADA
-file can end the process there, and units are not applied. Lengths in m.
+STL, OBJ and COLLADA (DAE) are not read by Assimp, which Coal includes: a damaged COLLADA file can
+crash it, and it does not apply units. Lengths in m.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ MOST_POINTS: Final = 10_000_000
 MOST_NODES: Final = 10_000
 MOST_ELEMENTS: Final = 500_000
 DEEPEST: Final = 64
-"""Nodes within each other, in a COLLADA file."""
+"""Most nested nodes of a COLLADA file."""
 
 
 class Surface(NamedTuple):
     """Surface of a mesh."""
 
     points: Points
-    """Corners of its faces, in rows; some may be there more than once."""
+    """Corners of its faces, in rows; some may be repeated."""
     triangles: Indices
-    """Triangles of three corners each, by their rows."""
+    """Triangles, each by the rows of its three corners."""
 
     @classmethod
     def of(cls, parts: Sequence[Surface]) -> Surface:
@@ -50,9 +50,9 @@ class Surface(NamedTuple):
         )
 
     def packed(self) -> bytes:
-        """As a browser draws it: the number of corners, of which none is there twice, and that of
-        triangles (uint32); the corners' coordinates (float32); each triangle's corners (uint32).
-        All little-endian. Raises ValueError for a corner farther away than a float32 can be."""
+        """Encode for a browser: the number of distinct corners and of triangles (uint32); the
+        corners' coordinates (float32); each triangle's corners (uint32). All little-endian. Raises
+        ValueError for a corner farther away than a float32 can be."""
         with np.errstate(all="ignore"):
             corners = np.ascontiguousarray(self.points, dtype="<f4") + np.float32(0.0)  # No -0.0.
         if not np.isfinite(corners).all():
@@ -65,7 +65,7 @@ class Surface(NamedTuple):
 
 
 def points_in(data: bytes, path: Path, scale: Vector3 = UNSCALED) -> Points:
-    """Corners of the faces of the mesh at `path` with these bytes, as `surface_in` has them. Raises
+    """Return the corners of the mesh at `path` with these bytes, like `surface_in`. Raises
     ConfigurationError that names the file."""
     for factor in scale:
         if not 0.0 < abs(factor) <= LARGEST_SCALE:
@@ -80,9 +80,9 @@ def points_in(data: bytes, path: Path, scale: Vector3 = UNSCALED) -> Points:
 
 
 def surface_in(data: bytes, path: Path) -> Surface:
-    """The mesh at `path` with these bytes.
+    """Read the mesh at `path` with these bytes.
 
-    Of a COLLADA file its unit is applied, and its upward axis is not: as RViz does. Raises
+    For a COLLADA file its unit is applied, and its upward axis is not, as in RViz. Raises
     ConfigurationError that names the file.
     """
     reader = {".stl": _stl, ".obj": _obj, ".dae": _dae}.get(path.suffix.lower())
@@ -143,7 +143,7 @@ def _stl(data: bytes) -> Surface:
 
 
 def _facets(corners: Points) -> Surface:
-    """Three corners each."""
+    """Return three corners per facet."""
     return Surface(corners, np.arange(len(corners)).reshape(-1, 3))
 
 
@@ -189,7 +189,7 @@ _FACES: Final = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
 class _Plain(ET.TreeBuilder):
-    """Parser without namespaces, and without document types, whose entities could be anything."""
+    """Parser without namespaces, and without document types, which could define any entity."""
 
     def __init__(self) -> None:
         super().__init__()

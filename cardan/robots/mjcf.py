@@ -1,11 +1,10 @@
-"""MJCF, MuJoCo's XML, as a URDF of the same robot.
+"""Conversion of MJCF, MuJoCo's XML, to a URDF of the same robot.
 
-Not by Pinocchio's parser: it takes meters of slide joints for degrees, shifts ranges by `ref`,
-keeps those that ``limited="false"`` switches off, and says nothing of bodies of several joints.
-
-Joint positions are those of MuJoCo's qpos: a joint's `ref` is part of where the joint is. Sites
-with a name are links. A joint coupled by an equality or a tendon is one that mimics; a free or ball
-joint is a floating one.
+Pinocchio's parser is not used: it takes meters of slide joints for degrees, shifts ranges by `ref`,
+keeps those that ``limited="false"`` switches off, and does not report bodies with several joints.
+Joint positions are those of MuJoCo's qpos: a joint's `ref` is part of its position. Sites with a
+name are links. A joint coupled by an equality or a tendon becomes a mimic joint; a free or ball
+joint a floating one.
 """
 
 from __future__ import annotations
@@ -54,10 +53,10 @@ _WORLD = "world"
 _X, _Y, _Z = Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0)
 _ORIENTATIONS = ("euler", "axisangle", "xyaxes", "zaxis", "quat")
 _FLOOR_M = (20.0, 20.0, 1.0)
-"""Size of the box that replaces a plane, which has no end in MuJoCo."""
+"""Size of the box that replaces a plane, which is infinite in MuJoCo, m."""
 _WATER_KG_M3 = 1000.0
 _ALIKE = "0 1 0 0 0"
-"""Coefficients of an equality between joints: one goes as far as the other."""
+"""Coefficients of an equality between joints that follow each other one to one."""
 
 _Attributes: TypeAlias = ChainMap[str, str]
 
@@ -70,7 +69,7 @@ class _Item(NamedTuple):
     attributes: _Attributes
     element: ET.Element
     frame: Pose
-    """Pose of the frames around it in the body."""
+    """Pose of the surrounding frames in the body."""
     childclass: str
 
     def words(self) -> str:
@@ -83,14 +82,14 @@ class _Solid(NamedTuple):
     mass: float
     pose: Pose
     moments: Vector3
-    """About its own axes."""
+    """Inertia about its own axes."""
 
 
 def urdf_of(text: str) -> str:
-    """The URDF of an MJCF's robot, its root the link "world". The keyframe "home" is there as an
-    SRDF has it, a <group_state>.
+    """Return the URDF of an MJCF's robot, with the root link "world".
 
-    Raises ConfigurationError for text that is not MJCF, and for what has no place in a URDF.
+    The keyframe "home" becomes a <group_state>, an element of SRDF. Raises ConfigurationError for
+    text that is not MJCF, and for content that URDF cannot express.
     """
     return ET.tostring(_Translation(parse_xml(text, "MJCF", "mujoco")).robot, encoding="unicode")
 
@@ -115,7 +114,8 @@ def _numbers(words: str, attributes: Mapping[str, str], name: str, default: str)
 
 
 def _overlaid(texts: Iterable[str]) -> str:
-    """Numbers of which each text gives the first ones, the first text before the others."""
+    """Complete a short list of numbers by the defaults: the first text, then the rest of the
+    next."""
     found: list[str] = []
     for text in texts:
         found += text.split()[len(found) :]
@@ -123,7 +123,7 @@ def _overlaid(texts: Iterable[str]) -> str:
 
 
 def _sizes(words: str, attributes: _Attributes, count: int) -> list[float]:
-    """The first `count` of a geom's, which may have more."""
+    """Return the first `count` sizes of a geom, which may have more."""
     text = _overlaid(each.get("size", "") for each in attributes.maps)
     text = " ".join(text.split()[:count])
     found = _numbers(words, {"size": text}, "size", "0 " * count)
@@ -140,7 +140,7 @@ def _direction(words: str, vector: Vector3) -> Vector3:
 
 
 def _turned_z(direction: Vector3) -> Quaternion:
-    """The least rotation that turns z into a direction."""
+    """Return the least rotation that turns z into a direction."""
     axis = cross(_Z, direction)
     sine = norm(axis)
     if sine < 1e-10:
@@ -149,7 +149,8 @@ def _turned_z(direction: Vector3) -> Quaternion:
 
 
 def _rpy(q: Quaternion) -> tuple[float, float, float]:
-    """Angles of R = Rz·Ry·Rx; exact also where y is ±90° and x and z turn about the same."""
+    """Return the angles of R = Rz·Ry·Rx; exact also if y is ±90° and x and z turn about the same
+    axis."""
     x, y, z = (rotate(q, axis) for axis in (_X, _Y, _Z))
     yaw = math.atan2(x.y, x.x)
     sine, cosine = math.sin(yaw), math.cos(yaw)
@@ -173,7 +174,7 @@ def _put_origin(element: ET.Element, pose: Pose) -> None:
 
 
 class _Translation:
-    """Fills `robot` from the elements of an MJCF."""
+    """Translation of the elements of an MJCF into `robot`."""
 
     def __init__(self, model: ET.Element) -> None:
         for element in model.iter():
@@ -277,7 +278,7 @@ class _Translation:
         return compose(item.frame, Pose(position, self._orientation(item)))
 
     def _orientation(self, item: _Item) -> Quaternion:
-        """The element's own, in whatever form, counts before its class's."""
+        """Return an orientation: the element's own, in any form, precedes its class's."""
         words, maps = item.words(), item.attributes.maps
         given = next((each for each in maps if any(key in each for key in _ORIENTATIONS)), {})
         keys = [key for key in _ORIENTATIONS if key in given]
@@ -321,7 +322,7 @@ class _Translation:
     # Links and joints
 
     def _fill(self, link: ET.Element, name: str, items: Sequence[_Item]) -> None:
-        """A link with all that its body has, and what hangs on it."""
+        """Add a link with the content of its body, and its children."""
         geoms = [item for item in items if item.tag == "geom"]
         if name != _WORLD:
             self._put_inertial(link, [each for each in items if each.tag == "inertial"], geoms)
@@ -477,7 +478,8 @@ class _Translation:
         return ET.Element("box", size=_text(*(2.0 * half for half in size))), at
 
     def _size(self, geom: _Item, kind: str) -> tuple[list[float], Pose]:
-        """Radius and half lengths, and where a primitive is. `fromto` gives its long half."""
+        """Return radius and half lengths, and the pose of a primitive. `fromto` gives its long half
+        length."""
         words = geom.words()
         counts = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}
         if kind not in counts:
@@ -500,7 +502,7 @@ class _Translation:
     def _put_inertial(
         self, link: ET.Element, given: Sequence[_Item], geoms: Sequence[_Item]
     ) -> None:
-        """None where it is that of a mesh, which is not weighed."""
+        """Add an inertial, unless it is a mesh's, which is not computed."""
         source = self._compiler.get("inertiafromgeom", "auto")
         if given and source != "true":
             self._put_given(link, given[0])
@@ -548,7 +550,7 @@ class _Translation:
         return first <= group <= last and weight > 0.0
 
     def _solid(self, geom: _Item) -> _Solid | None:
-        """None for a geom that is not weighed here."""
+        """Return the mass properties of a geom; None if they are not computed here."""
         kind, words = self._geom_kind(geom), geom.words()
         if kind in ("mesh", "plane", "hfield", "sdf") or "shellinertia" in geom.attributes:
             return None
@@ -583,10 +585,10 @@ class _Translation:
         return _Solid(mass, at, moments)
 
     # -----------------------------------------------------------------------------------------
-    # What is said of joints elsewhere
+    # Joint settings in other elements
 
     def _read_efforts(self) -> None:
-        """The force of an actuator, or the control of one that is a motor, by its gear."""
+        """Read the effort from an actuator's force, or from a motor's control by its gear."""
         for element in self._sections("actuator"):
             attributes = self._attributes(element, "main")
             joint = self._joints.get(attributes.get("joint", attributes.get("jointinparent", "")))
@@ -652,7 +654,7 @@ class _Translation:
         )
 
     def _between(self, bodies: Sequence[str]) -> list[str]:
-        """The joints that move these against each other."""
+        """Return the joints that move these against each other."""
         paths = []
         for body in bodies:
             path = []
@@ -664,7 +666,8 @@ class _Translation:
         return [joint for path in paths for joint in path if joint not in shared]
 
     def _bind(self, joints: Iterable[str], words: str) -> None:
-        """They follow what is no joint: none of them can be one of an arm."""
+        """Mark the joints as coupled to something that is no joint: none of them can be an
+        arm's."""
         for name in joints:
             joint = self._joints.get(name)
             if joint is not None and joint.find("mimic") is None:
@@ -685,7 +688,7 @@ class _Translation:
 
 
 def _lower_effort(limit: ET.Element, effort: float) -> None:
-    """Lower the effort of `limit` to `effort`, of which 0 and less count as none."""
+    """Lower the effort of `limit` to `effort`; values of 0 or less are ignored."""
     known = float(limit.get("effort", "inf"))
     if 0.0 < effort < known:
         limit.set("effort", _text(effort))

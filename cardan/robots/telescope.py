@@ -1,8 +1,8 @@
-"""Slides in a row that one of them leads, as one slide: a telescope.
+"""Telescopes: consecutive slides that follow one of them, modeled as one slide.
 
-Its position is the way of all of them together. The links between move less than its end: each is
-modeled with the end that it is nearer to, and :func:`swept` makes its bodies as long as they are
-anywhere on the way, so that no distance is larger than the true one.
+Its position is the sum of theirs. The links between move less than its end: each is modeled with
+the nearer end, and :func:`swept` extends its bodies over all their positions, so that no distance
+exceeds the true one.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Sweep(NamedTuple):
 
 
 def is_telescope(tree: Tree, path: Sequence[TreeJoint], leader: TreeJoint) -> bool:
-    """Whether those on the path that follow `leader`, and it, are slides in a row that go the same
-    way, with nothing but fixed joints between."""
+    """True if `leader` and the joints on the path that follow it are consecutive slides in the same
+    direction, with only fixed joints between them."""
     row = _row(tree, path, leader)
     between = path[path.index(row[0]) : path.index(row[-1]) + 1]
     if not all(joint in row or joint.kind == "fixed" for joint in between):
@@ -63,11 +63,11 @@ def is_telescope(tree: Tree, path: Sequence[TreeJoint], leader: TreeJoint) -> bo
 def telescoped(
     tree: Tree, path: Sequence[TreeJoint], leader: TreeJoint
 ) -> tuple[Tree, dict[str, Sweep]]:
-    """The tree with one joint called as `leader` in the place of these, and the links between.
-    Raises ConfigurationError where the ranges of its joints have nothing in common."""
+    """Return the tree with a single joint named as `leader` in place of these, and the links
+    between. Raises ConfigurationError if the ranges of its joints do not overlap."""
     row = _row(tree, path, leader)
     factors, offsets = zip(*(tree.leader(joint.name)[1:] for joint in row), strict=True)
-    # As far as the first, the first two, ... of them go.
+    # Sums of the motions of the first joint, the first two, ...
     ways, starts = (list(itertools.accumulate(each)) for each in (factors, offsets))
     ranges = [joint.range() for joint in row]
     low, high = (
@@ -130,7 +130,7 @@ def _row(tree: Tree, path: Sequence[TreeJoint], leader: TreeJoint) -> list[TreeJ
 
 
 def _speeds(row: Sequence[TreeJoint], factors: Sequence[float], way: float) -> dict[str, float]:
-    """Return velocity and acceleration of the end: as fast as the slowest joint allows."""
+    """Return velocity and acceleration of the end, limited by the slowest joint."""
     found = {}
     for name in ("velocity", "acceleration"):
         values = [
@@ -161,7 +161,7 @@ def _replaced(
             element.append(limit)
         made[joint.name] = TreeJoint(name, kind, joint.parent, joint.child, element)
     elements = {joint.element: made[joint.name].element for joint in row}
-    # Its home is that of the joints as they were.
+    # Its home is the sum of the joints' homes.
     frozen_elements = (each for each in tree.robot if each.tag != "group_state")
     robot.extend(elements.get(each, each) for each in frozen_elements)
     joints = [made.get(joint.name, joint) for joint in tree.joints.values()]

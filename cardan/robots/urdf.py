@@ -1,8 +1,8 @@
-"""A look at a URDF, for what Pinocchio's parser does not say: whether other programs would take
-the file, what its joints and links are called and join, limits, soft limits, mimic.
+"""Reader of a URDF for facts that Pinocchio's parser does not report: validity for other programs,
+names and connections of joints and links, limits, soft limits, mimic.
 
-Poses, axes, masses and shapes are Pinocchio's to read; it is given :func:`normal_form`, in which
-every number has been looked at.
+Pinocchio reads poses, axes, masses and shapes, from :func:`normal_form`, in which every number has
+been checked.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from cardan.spatial import compose, from_euler_zyx, normalized
 from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, JointLimits, Pose, Quaternion, Vector3
 
 LARGEST_NUMBER = 1e6
-"""No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
+"""Largest plausible length, angle, speed or mass of an arm: beyond it products would overflow."""
 
 WIDEST = 1000.0
-"""rad or m: a joint whose range ends beyond has none."""
+"""Largest end of a range, rad or m: beyond it the joint counts as unlimited."""
 
 MOST_LINKS = 1000
 """Most links in one file; humanoids have 100. Pinocchio recurses along the tree."""
 
 MOST_NESTED = 100
-"""Most nested elements; a URDF's own are 5, those of simulators some more."""
+"""Most nested elements; a URDF has 5, simulators' extensions some more."""
 
 MOVING = tuple(kind.value for kind in JointKind)
 LOOSE = ("planar", "floating")
-"""Joints with several directions: only ever held."""
+"""Joints with several directions, which are always held."""
 
 ARM_BASE = "arm_base"
-"""The link that `arm_form` adds, with as many "_" behind it as make it another one."""
+"""Link that `arm_form` adds, with as many "_" behind it as make the name unique."""
 
 _VERSIONS = ("1.0", "1.1", "1.2")
 _LENGTHS: Mapping[str, tuple[str, ...]] = {
@@ -48,23 +48,23 @@ _LENGTHS: Mapping[str, tuple[str, ...]] = {
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _SHORTEST_M = 1e-9
 _ROUNDING_KG_M2 = 1e-12
-"""Moments of CAD programs that ought to be 0 are below it by less."""
+"""Largest magnitude of moments that CAD programs compute in place of 0."""
 
 
 class Limits(NamedTuple):
-    """Limits of a joint, rad or m; NaN where the file has no usable one."""
+    """Limits of a joint, rad or m; NaN if the file has no usable one."""
 
     lower: float
-    """-inf for a continuous joint."""
+    """Lower end; -inf for a continuous joint."""
     upper: float
     velocity: float
     acceleration: float
     effort: float
-    """Infinite where it is not published."""
+    """Effort; infinite if it is not published."""
 
     @property
     def accelerated(self) -> Limits:
-        """Return the limits with an acceleration where the file has none."""
+        """Return the limits, with a default acceleration if the file has none."""
         if math.isnan(self.acceleration):
             return self._replace(acceleration=self.velocity / TIME_TO_FULL_SPEED_S)
         return self
@@ -81,16 +81,16 @@ class TreeJoint(NamedTuple):
 
     @property
     def mimic(self) -> ET.Element | None:
-        """Says which joint this one follows."""
+        """<mimic> element with the joint that this one follows."""
         return self.element.find("mimic")
 
     @property
     def moves(self) -> bool:
-        """Whether it has one direction of its own."""
+        """True if it has one direction of its own."""
         return self.kind in MOVING and self.mimic is None
 
     def axis(self) -> Vector3:
-        """A unit vector in its own frame. Raises ConfigurationError."""
+        """Unit vector of its axis in its own frame. Raises ConfigurationError."""
         axis = self.element.find("axis")
         if axis is None or axis.get("xyz") is None:
             return Vector3(1.0, 0.0, 0.0)
@@ -112,7 +112,7 @@ class TreeJoint(NamedTuple):
         return from_euler_zyx(*_numbers(origin, "rpy", of))
 
     def placement(self) -> Pose:
-        """Its frame in its parent's, where its own direction is at 0. Raises ConfigurationError."""
+        """Its frame in its parent's, with its own direction at 0. Raises ConfigurationError."""
         origin, at = self.element.find("origin"), ZERO3
         if origin is not None and origin.get("xyz") is not None:
             at = Vector3(*_numbers(origin, "xyz", f"the origin of joint {self.name!r}"))
@@ -123,7 +123,7 @@ class TreeJoint(NamedTuple):
         return _wrong(f"joint {self.name!r} is {self.kind!r}; allowed: fixed, {', '.join(MOVING)}")
 
     def limits(self) -> tuple[Limits, dict[str, str]]:
-        """Return the file's limits, and of missing ones the text that it has in their place. Raises
+        """Return the file's limits, and for missing ones the text in their place. Raises
         ConfigurationError."""
         return _limits(self.element)
 
@@ -142,7 +142,7 @@ class Tree(NamedTuple):
     links: dict[str, ET.Element]
     joints: dict[str, TreeJoint]
     above: dict[str, TreeJoint]
-    """The joint that a link hangs on; the root has none."""
+    """Parent joint of each link; the root has none."""
 
     def path(self, link: str) -> list[TreeJoint]:
         """Return the joints from the root to a link."""
@@ -162,8 +162,8 @@ class Tree(NamedTuple):
         return found
 
     def home(self) -> dict[str, float]:
-        """Joints by name, rad or m, of a <group_state> "home": an SRDF's element, here out of an
-        MJCF's keyframe. Empty where there is none. Raises ConfigurationError."""
+        """Return positions by joint, rad or m, of a <group_state> "home" (SRDF's element, here from
+        an MJCF's keyframe). Empty if there is none. Raises ConfigurationError."""
         found = {}
         for state in self.robot.iterfind("group_state"):
             for joint in state.iterfind("joint") if state.get("name") == "home" else ():
@@ -178,7 +178,8 @@ class Tree(NamedTuple):
 
     def leader(self, name: str) -> tuple[TreeJoint, float, float]:
         """Return the joint that `name` follows in the end (itself if none), factor and offset. If
-        that joint mimics, its leader is missing or circular. Raises ConfigurationError."""
+        the returned joint mimics, its leader is missing or the chain is circular. Raises
+        ConfigurationError."""
         factor, offset, passed = 1.0, 0.0, {name}
         joint = self.joints[name]
         while (mimic := joint.mimic) is not None:
@@ -195,8 +196,8 @@ class Tree(NamedTuple):
         return joint, factor, offset
 
     def resting(self, name: str, held: Mapping[str, float]) -> float:
-        """Where a joint is that does not move, rad or m: where `held` says, where the joint is
-        that it follows, or nearest to 0 in its range. Raises ConfigurationError."""
+        """Return the position of a held joint, rad or m: that in `held`, that of the joint it
+        follows, or nearest to 0 in its range. Raises ConfigurationError."""
         if name in held:
             return held[name]
         joint, factor, offset = self.leader(name)
@@ -210,11 +211,11 @@ class Tree(NamedTuple):
 
 
 def limits_in(text: str, names: Sequence[str]) -> JointLimits:
-    """The limits of the joints called `names` in a robot's whole URDF, which may branch and have
-    meshes: as robots publish it.
+    """Return the limits of the joints `names` in a robot's complete URDF as published, which may
+    branch and have meshes.
 
-    Raises ConfigurationError for text that is not URDF, and for joints that are missing, are there
-    twice or lack limits.
+    Raises ConfigurationError for text that is not URDF, and for missing, duplicate or unlimited
+    joints.
     """
     there = list(_parsed(text).iterfind("joint"))
     limits, lacking = [], []
@@ -245,8 +246,8 @@ def limits_in(text: str, names: Sequence[str]) -> JointLimits:
 
 
 def disabled_pairs(text: str) -> frozenset[tuple[str, str]]:
-    """The pairs of links that an SRDF does not check for collisions, each in alphabetical order;
-    names of links that a URDF lacks are nothing unusual. Raises ConfigurationError."""
+    """Return the pairs of links that an SRDF excludes from collision checks, each in alphabetical
+    order; unknown names are ignored. Raises ConfigurationError."""
     pairs = set()
     for element in _parsed(text, "SRDF").iterfind("disable_collisions"):
         names = [element.get(name, "") for name in ("link1", "link2")]
@@ -262,8 +263,8 @@ def _wrong(message: str) -> ConfigurationError:
 
 
 def parse_xml(text: str, kind: str, root: str) -> ET.Element:
-    """The element `root` of a description of this kind. Prefixes need no declaration, as for
-    urdfdom, so they are part of the names here. Raises ConfigurationError."""
+    """Return the element `root` of a description of this kind. Prefixes need no declaration, as in
+    urdfdom, and stay part of the names. Raises ConfigurationError."""
     of = f"the arm's {kind}"
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     depth = 0
@@ -311,8 +312,8 @@ def _version(robot: ET.Element) -> str:
 
 
 def read_tree(text: str) -> Tree:
-    """Raises ConfigurationError for text that is not URDF, and where its links and joints are no
-    tree."""
+    """Parse a URDF. Raises ConfigurationError for text that is not URDF, and if its links and
+    joints are no tree."""
     robot = _parsed(text)
     joints = [_tree_joint(element) for element in robot.iterfind("joint")]
     declared = _declared_links(robot, joints)
@@ -362,8 +363,8 @@ def _tree_joint(element: ET.Element) -> TreeJoint:
 
 
 def _declared_links(robot: ET.Element, joints: Collection[TreeJoint]) -> dict[str, ET.Element]:
-    """All <link>. Raises ConfigurationError where two have one name, and for a joint between
-    others: what such a link has of mass and body would be lost."""
+    """Return all <link> elements. Raises ConfigurationError for duplicate names, and for a joint
+    between undeclared links: their mass and body would be lost."""
     elements = list(robot.iterfind("link"))
     names = [element.get("name", "") for element in elements]
     if len(names) > MOST_LINKS:
@@ -394,7 +395,7 @@ def _child(element: ET.Element, tag: str) -> ET.Element:
 
 
 def _attribute(element: ET.Element | None, name: str, default: str | None = None) -> float:
-    """Raises ValueError that names the attribute and what it is."""
+    """Return an attribute's number. Raises ValueError that names the attribute and its value."""
     text = default if element is None else element.get(name, default)
     if text is None:
         raise ValueError(f"no {name}")
@@ -405,7 +406,8 @@ def _attribute(element: ET.Element | None, name: str, default: str | None = None
 
 
 def to_number(text: str) -> float:
-    """Raises ValueError, also for digits that only Python groups by "_"."""
+    """Convert a text. Raises ValueError, also for digits grouped by "_", which only Python
+    allows."""
     return float(text if "_" not in text else "")
 
 
@@ -431,7 +433,7 @@ def _numbers(element: ET.Element, attribute: str, of: str, count: int = 3) -> li
 
 
 def _range(element: ET.Element) -> tuple[float, float]:
-    """Infinite where the file has none."""
+    """Return the ends of the range; infinite if the file has none."""
     if element.get("type") == JointKind.CONTINUOUS.value:
         return -math.inf, math.inf
     limit, soft = element.find("limit"), element.find("safety_controller")
@@ -479,7 +481,7 @@ def _limits(element: ET.Element) -> tuple[Limits, dict[str, str]]:
 
 
 def _acceleration(limit: ET.Element) -> float:
-    """URDF 1.2 has two, of which the lower counts; 0 is one that is not published."""
+    """Return the acceleration: the lower of URDF 1.2's two; 0 counts as not published."""
     published = []
     for name in ("acceleration", "deceleration"):
         value = _bounded(limit, name, "0")
@@ -490,18 +492,18 @@ def _acceleration(limit: ET.Element) -> float:
 
 
 # ---------------------------------------------------------------------------------------------
-# What Pinocchio is given
+# Pinocchio's input
 
 
 class Mesh(NamedTuple):
-    """A shape that a file has."""
+    """Shape from a mesh file."""
 
     uri: str
     scale: Vector3
 
 
 def mesh_in(collision: ET.Element, link: str) -> Mesh | None:
-    """The mesh of a collision element of `link`; None where that is something else. Raises
+    """Return the mesh of a collision element of `link`; None if that is something else. Raises
     ConfigurationError."""
     primitive = _primitive(collision, link)
     if primitive.tag != "mesh":
@@ -517,11 +519,11 @@ def mesh_in(collision: ET.Element, link: str) -> Mesh | None:
 def normal_form(
     tree: Tree, bodiless: Collection[str], left_out: Collection[ET.Element] = ()
 ) -> str:
-    """A URDF of the same tree in which links and joints are numbered in the order that `tree` has
-    them ("link_0", "joint_0"), every number is one, and nothing is left that Pinocchio reads
-    otherwise than this package: no mimic, limits or missing moments. Joints of several directions
-    are fixed. Links in `bodiless` have no shapes, and collision elements in `left_out` are none;
-    in the place of a mesh is a box of 1 m.
+    """Return a URDF of the same tree with links and joints numbered in the order of `tree`
+    ("link_0", "joint_0"), valid numbers, and nothing that Pinocchio reads differently from this
+    package: no mimic, limits or missing moments. Joints with several directions are fixed. Links in
+    `bodiless` have no shapes, collision elements in `left_out` are removed, and a box of 1 m
+    replaces a mesh.
 
     Raises ConfigurationError for invalid numbers or shapes.
     """
@@ -562,8 +564,8 @@ class Origin(NamedTuple):
 def arm_form(
     tree: Tree, held: Mapping[str, Origin], root: Origin | None, limits: Mapping[str, Limits]
 ) -> str:
-    """The file with the joints in `held` fixed, each at its place, and those in `limits` with
-    these. Where `root` is a place, that is of the root in a link that all hangs on."""
+    """Return the file with the joints in `held` fixed, each at its place, and with the given
+    `limits`. A `root` pose places the root in an added parent link."""
     robot = copy.deepcopy(tree.robot)
     for joint in robot.iterfind("joint"):
         if (place := held.get(joint.get("name", ""))) is not None:
@@ -586,7 +588,7 @@ def arm_form(
 
 
 def _text(*values: float) -> str:
-    """Numbers as urdfdom reads them: it takes none that are smaller than any."""
+    """Write numbers as urdfdom reads them: it accepts no denormal ones."""
     return " ".join(repr(value if abs(value) > 1e-100 else 0.0) for value in values)
 
 

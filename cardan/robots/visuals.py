@@ -1,6 +1,7 @@
 """Visual meshes of an arm's description, for programs that draw it.
 
-A mesh is read once and kept in the user's cache folder by its content, as `Surface.packed` has it.
+A mesh is read once and cached in the user's cache folder by its content, in the format of
+`Surface.packed`.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from cardan.robots.urdf import Tree, read_tree
 
 KIND: Final = "visuals"
 METHOD: Final = "1"
-"""Version of the form in which a mesh is written."""
+"""Version of the cache format."""
 
 MOST_BYTES: Final = 2 * 2**20
-"""Largest mesh: 100,000 triangles, more than a small computer draws well."""
+"""Largest mesh, bytes: 100,000 triangles, more than a small computer draws well."""
 MOST_BYTES_OF_ARM: Final = 16 * 2**20
 
 
@@ -33,7 +34,7 @@ class Visuals(NamedTuple):
     """Meshes that are not shown, with reasons."""
 
     def in_words(self) -> str:
-        """Say which meshes are not shown; empty: all are."""
+        """Report the meshes that are not shown; empty if all are."""
         if not self.left_out:
             return ""
         count = len(self.keys) + len(self.left_out)
@@ -47,11 +48,11 @@ class Visuals(NamedTuple):
 
 
 def keep_visuals(name_or_file: str) -> Visuals:
-    """Keep the visual meshes of an arm, as `load_arm` takes it, for `stored_visual`.
+    """Cache the visual meshes of an arm (argument of `load_arm`) for `stored_visual`.
 
-    A missing, damaged or too large mesh is left out. Raises ConfigurationError as `load_arm`.
+    A missing, damaged or too large mesh is left out. Raises ConfigurationError like `load_arm`.
     """
-    if name_or_file in arm_names():  # Ours have none.
+    if name_or_file in arm_names():  # Built-in arms have none.
         return Visuals({})
     texts = ArmTexts(located(name_or_file, Path()))
     folders = package_folders(texts.file, texts.urdf_path)
@@ -74,12 +75,12 @@ def keep_visuals(name_or_file: str) -> Visuals:
 
 
 def stored_visual(key: str) -> bytes | None:
-    """Return the mesh that is kept by a key; None: there is none."""
+    """Return the cached mesh of a key; None if there is none."""
     return cached_bytes(KIND, key) or None
 
 
 def _visual_meshes(tree: Tree) -> list[str]:
-    """Each once."""
+    """Return each visual mesh once."""
     found: dict[str, None] = {}
     for link in tree.links.values():
         for mesh in link.iterfind("visual/geometry/mesh"):
@@ -88,7 +89,7 @@ def _visual_meshes(tree: Tree) -> list[str]:
 
 
 def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
-    """The key of a mesh, and how many bytes of it are kept."""
+    """Cache a mesh; return its key, and its size in bytes."""
     path, missing = find_mesh(uri, urdf, folders)
     if path is None:
         raise ConfigurationError("", missing)
@@ -96,14 +97,14 @@ def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
     key = content_key((METHOD, path.suffix.lower(), data))
     drawn = cached_bytes(KIND, key)
     if drawn is None:
-        # An extra that programs which only show kept meshes do not need.
+        # An extra that programs which only show cached meshes do not need.
         from cardan.robots.meshes import surface_in
 
         surface = surface_in(data, path)
         with about(f"mesh {path}"):
             drawn = surface.packed()
         if len(drawn) > MOST_BYTES:
-            drawn = b""  # Kept, too: it is not read again.
+            drawn = b""  # Cached, too, so that it is not read again.
         if not cache_bytes(KIND, key, drawn):
             raise ConfigurationError("", f"mesh {path}: no cache folder can be written to")
     if not drawn:

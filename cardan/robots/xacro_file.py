@@ -1,8 +1,7 @@
-"""Reads the description of an arm: URDF as it stands, what a ``.xacro`` expands to, or what says
-the same as a ``.xml`` of MuJoCo.
+"""Reader of an arm's description: a URDF, an expanded ``.xacro``, or MuJoCo's ``.xml`` converted.
 
-xacro evaluates the Python expressions of a file, and reads whatever files it names: a description
-is a program then.
+xacro evaluates the Python expressions of a file, and reads any file that it names, so a ``.xacro``
+is a program.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ MJCF = ".xml"
 DESCRIPTIONS = (".urdf", ".xacro", MJCF)
 """Suffixes of the files that `read_description` reads."""
 _ROS_PACKAGES = "ament_index_python.packages"
-"""The module of ROS 2 that xacro asks where a package is."""
+"""Module of ROS 2 that xacro uses to find packages."""
 
 
 class _Arguments(dict[str, str]):
-    """Arguments for xacro, which puts defaults among them; knows those that were asked for."""
+    """Arguments for xacro, which adds defaults; records those that were read."""
 
     def __init__(self, given: dict[str, str]) -> None:
         super().__init__(given)
@@ -47,13 +46,13 @@ class _Arguments(dict[str, str]):
 
 
 def is_xacro(path: Path) -> bool:
-    """Whether it has to be expanded."""
+    """True if the file must be expanded."""
     return path.suffix.lower() == ".xacro"
 
 
 def read_description(path: Path, file: ArmFile) -> str:
-    """The URDF at `path`. Raises ConfigurationError, also for arguments in `file` that it does not
-    take; ExtraMissingError."""
+    """Return the URDF at `path`. Raises ConfigurationError, also for arguments in `file` that it
+    does not take; ExtraMissingError."""
     text = read_text(path, MODEL_BYTES, declared=True)
     if not is_xacro(path):
         if file.xacro:
@@ -87,7 +86,7 @@ def _expanded(path: Path, arguments: _Arguments, file: ArmFile) -> str:
     try:
         with _finds_packages(find), contextlib.redirect_stderr(io.StringIO()):
             document = xacro.process_file(str(path.absolute()), mappings=arguments, verbosity=0)
-    except Exception as error:  # Of expressions, whatever Python has.
+    except Exception as error:  # Expressions may raise any Python exception.
         if shortage(error):
             raise
         at = (xacro.filestack or [path])[-1]
@@ -98,7 +97,7 @@ def _expanded(path: Path, arguments: _Arguments, file: ArmFile) -> str:
 
 @contextlib.contextmanager
 def _finds_packages(find: Callable[[str], str]) -> Iterator[None]:
-    """xacro asks `find` for the folder of a package, whether ROS is there or not."""
+    """Have xacro call `find` for the folder of a package, with or without ROS."""
     module, before = ModuleType(_ROS_PACKAGES), sys.modules.get(_ROS_PACKAGES)
     vars(module)["get_package_share_directory"] = find
     sys.modules[_ROS_PACKAGES] = module
@@ -111,7 +110,7 @@ def _finds_packages(find: Callable[[str], str]) -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    """Return the reason in a line. xacro wraps the errors that it meets, as `exc`."""
+    """Return the reason in one line. xacro wraps its errors as `exc`."""
     from xacro.substitution_args import ArgException
 
     cause: BaseException = error

@@ -1,7 +1,7 @@
 """Shared parts of every simulated peer: fault switches, motion scripts, and the serving loop.
 
-A peer's behavior is a sans-I/O core that takes time as an argument, so that tests run it in
-virtual time; a thin shell serves it over the real kind of transport. Peers never import drivers.
+A peer's behavior is a sans-I/O core that takes time as an argument, for tests in virtual time; a
+thin shell serves it over the real transport. Peers never import drivers.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class FaultSwitch(NamedTuple):
     lowest: float = 0.0
     highest: float = 1e9
     after: str = ""
-    """The fault that it ends, which must be there with an earlier time."""
+    """Fault that this one ends, which must be given with an earlier time."""
 
     @classmethod
     def at(cls, name: str, what: str, default_s: float = 5.0) -> FaultSwitch:
@@ -55,8 +55,8 @@ class FaultSwitch(NamedTuple):
 
 
 def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -> None:
-    """Raise ScriptError for a fault that is not among `switches`, whose value is out of range, or
-    that ends another fault that is not given."""
+    """Raise ScriptError for a fault that is not among `switches`, a value out of range, or the end
+    of a fault that is not given."""
     known = {switch.name: switch for switch in switches}
     for name, value in faults.items():
         if name not in known:
@@ -69,7 +69,7 @@ def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -
 
 
 def check_jam(faults: Mapping[str, float], joints: int) -> None:
-    """Raise ConfigurationError where the fault "jam" names none of an arm's joints."""
+    """Raise ConfigurationError if the fault "jam" names none of an arm's joints."""
     if "jam" in faults and faults["jam"] not in range(1, joints + 1):
         raise ConfigurationError(
             "faults", f"jam: {faults['jam']:g} is no joint; allowed: 1 to {joints}"
@@ -77,7 +77,7 @@ def check_jam(faults: Mapping[str, float], joints: int) -> None:
 
 
 def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[str, float]:
-    """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names the known faults."""
+    """Parse ``NAME[=VALUE]`` words into values by name. ScriptError lists the known faults."""
     switches = tuple(switches)
     defaults = {switch.name: switch.default for switch in switches}
     faults: dict[str, float] = {}
@@ -92,7 +92,7 @@ def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[
 
 
 def strikes(faults: Mapping[str, float], name: str, count: int) -> bool:
-    """Whether a fault of every VALUE-th something acts on the `count`-th."""
+    """Return True if a fault of every VALUE-th item acts on the `count`-th."""
     return name in faults and count % int(faults[name]) == 0
 
 
@@ -100,7 +100,7 @@ ActionT = TypeVar("ActionT", bound=Callable[..., object])
 
 
 class TimedActions(Generic[ActionT]):
-    """Actions, each done once at its time: faults whose values are times, and others."""
+    """Actions that are each done once at their time: timed faults and others."""
 
     def __init__(
         self,
@@ -116,11 +116,11 @@ class TimedActions(Generic[ActionT]):
 
     @property
     def next_s(self) -> float:
-        """When the next action is due; infinite when nothing is left."""
+        """Time of the next action; infinite when none is left."""
         return self._left[0][0] if self._left else math.inf
 
     def due(self, until_s: float) -> Iterator[tuple[float, ActionT]]:
-        """Actions due by `until_s`, each once with its time, in order."""
+        """Yield the actions due by `until_s`, each once with its time, in order."""
         while self._left and self._left[0][0] <= until_s:
             yield self._left.popleft()
 
@@ -134,7 +134,7 @@ class ScriptStep(NamedTuple):
 
 
 def parse_script(text: str, verbs: Mapping[str, str]) -> tuple[ScriptStep, ...]:
-    """Read a script: a line a step, ``SECONDS VERB [ARGUMENT ...]``; ``#`` starts a comment.
+    """Parse a script, a step per line: ``SECONDS VERB [ARGUMENT ...]``; ``#`` starts a comment.
 
     `verbs` maps each verb to its usage, which a ScriptError quotes. Times must not go back.
     """
@@ -165,7 +165,7 @@ def parse_script(text: str, verbs: Mapping[str, str]) -> tuple[ScriptStep, ...]:
 def load_script(
     name_or_file: str, built_in: Mapping[str, str], verbs: Mapping[str, str]
 ) -> tuple[ScriptStep, ...]:
-    """A built-in script by name, or one read from a file."""
+    """Load a built-in script by name, or one from a file."""
     if name_or_file in built_in:
         return parse_script(built_in[name_or_file], verbs)
     try:
@@ -180,18 +180,18 @@ def load_script(
 
 
 SERVE_SLICE_S = 0.1
-"""Longest step of a served peer, and so the delay until it notices an interrupt."""
+"""Longest step of a served peer, which delays the reaction to an interrupt."""
 
 THREAD_SLICE_S = 0.02
-"""How long the end of a ``with`` block waits for the thread that serves a peer."""
+"""Longest wait at the end of a ``with`` block for the thread that serves a peer."""
 
 _P = TypeVar("_P", bound="SimulatedPeer")
 
 
 class SimulatedPeer(ABC):
-    """A peer that can be served. Shells implement these four.
+    """Peer that can be served. Shells implement these four members.
 
-    `serve` is the loop of a program of its own; ``with peer:`` serves it beside something else.
+    `serve` is the loop of a separate program; ``with peer:`` serves it in a thread.
     """
 
     @property
@@ -236,7 +236,7 @@ class SimulatedPeer(ABC):
 def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
     """Run `peer` until `seconds` are over or a signal would end it; print READY once it serves."""
     stopping = False
-    # Thawing would thaw objects that the calling program has frozen, too.
+    # Unfreezing would also unfreeze objects of the calling program.
     freezes = not gc.get_freeze_count()
 
     def stop(_signal: int) -> None:
@@ -246,9 +246,9 @@ def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
     with on_ending(stop):
         try:
             peer.open()
-            # Hardware keeps its period whatever this machine is busy with.
+            # Hardware keeps its period under any load of this machine.
             ask_for_real_time()
-            # A collection of objects that stay anyway costs tens of milliseconds.
+            # A garbage collection of permanent objects takes tens of milliseconds.
             gc.collect()
             if freezes:
                 gc.freeze()

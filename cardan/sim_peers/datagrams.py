@@ -1,4 +1,4 @@
-"""The shell of a simulated controller that exchanges datagrams in a fixed cycle."""
+"""Shell of a simulated controller that exchanges datagrams in a fixed cycle."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ LARGEST_DATAGRAM = 65535
 
 
 class DatagramPeer(SimulatedPeer):
-    """A core that gets datagrams and is given its cycles; a subclass has its sockets and messages.
+    """Passes datagrams and cycles to a core; a subclass has its sockets and messages.
 
-    Cycles follow an absolute schedule; after a stall they go on from the schedule, without a burst.
-    `faults` of the network act on both directions, unless the core has them itself.
+    Cycles follow an absolute schedule; after a stall they continue on the schedule, without a
+    burst. `faults` of the network act on both directions, unless the core has them itself.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class DatagramPeer(SimulatedPeer):
 
     @abstractmethod
     def _connect(self) -> socket.socket:
-        """A non-blocking socket. Raises an AddressError that says what to do."""
+        """Return a non-blocking socket. Raises an AddressError that says what to do."""
 
     @abstractmethod
     def _cycle(self, now_s: float, scheduled_s: float) -> None:
@@ -47,14 +47,14 @@ class DatagramPeer(SimulatedPeer):
 
     @abstractmethod
     def _receive(self, data: bytes, source: Any, now_s: float) -> None:
-        """Give a datagram to the core."""
+        """Pass a datagram to the core."""
 
     @abstractmethod
     def _transmit(self, data: bytes) -> None:
         """Send a datagram to the other side. Never raises."""
 
     def _heard(self, answered: bool) -> None:
-        """The other side was heard, or the system reports that an earlier datagram was refused."""
+        """Record that the other side was heard, or that the system reported a refused datagram."""
 
     def open(self) -> None:
         if self._socket is None:
@@ -120,7 +120,7 @@ class ListeningPeer(DatagramPeer):
         super().__init__(period_s, faults, seed)
         self._host, self._port = host, port
         self._client: Any = None
-        """The source of its client's datagrams, once the core has heard one."""
+        """Source of its client's datagrams, once the core has received one."""
 
     @property
     def endpoint(self) -> str:

@@ -1,4 +1,4 @@
-"""The shell of every simulated device that moves in real time: its loop, and its options."""
+"""Shell of every simulated device that moves in real time: loop and options."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cardan.sim_peers.command import option
 from cardan.sim_peers.scripted import DeviceMotion, HeldDevice, pieces
 
 STALL_S = 0.02
-"""Reports older than this when a peer comes to run are left out: a late peer makes no burst."""
+"""Age beyond which reports are dropped when a peer runs late: it sends no burst."""
 
 D = TypeVar("D", bound=HeldDevice)
 
@@ -26,7 +26,7 @@ class DevicePeerOptions(Options):
     """Options of every simulated device that moves. Raises OptionError."""
 
     script: str = "demo"
-    """A built-in script or a file."""
+    """Built-in script or file."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of the device's `FAULTS`; times count from the start of the script."""
     seed: int = 0
@@ -41,19 +41,19 @@ class DeviceNodeOptions(DevicePeerOptions):
     """Options of a device that programs open at a path: a socket, or a serial port."""
 
     everybody: bool = option(False, "Let every user of this machine open it, not its owner alone.")
-    """Its socket or port has mode 0666 instead of 0600, whatever the umask."""
+    """Mode 0666 of the socket or port instead of 0600, whatever the umask."""
 
     @property
     def mode(self) -> int:
-        """The mode of the socket or port."""
+        """Mode of the socket or port."""
         return EVERYBODY if self.everybody else OWNER_ONLY
 
 
 class DevicePeer(SimulatedPeer, Generic[D, M]):
     """Serves `device`, which `motion` moves, by `backend`.
 
-    Time of device and motion stands still until the script begins. The fault ``refuse`` is the
-    shell's, the others are the device's and the backend's.
+    Time of device and motion stands still until the script begins. The shell implements the fault
+    ``refuse``, the device and the backend the others.
     """
 
     stall_s = STALL_S
@@ -72,7 +72,7 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
         self._selector: selectors.BaseSelector | None = None
         self._opened_s = 0.0
         self._start_s: float | None = None
-        """When the script began, monotonic s; None: it has not."""
+        """Start of the script, monotonic s; None: not started."""
         self._played_s = 0.0
         """Time up to which device and motion were last played, s from the script's start."""
 
@@ -126,7 +126,7 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
 
     @property
     def selector(self) -> selectors.BaseSelector:
-        """Waits for the files of all parts; each file's data is called when it is ready."""
+        """Selector for the files of all parts; each file's data is called when it is ready."""
         assert self._selector is not None, "not open"
         return self._selector
 
@@ -136,16 +136,16 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
         return self._opened_s + self.options.faults.get("refuse", 0.0)
 
     def begin(self) -> None:
-        """The script starts, unless it has."""
+        """Start the script, unless it has started."""
         if self._start_s is None:
             self._start_s = time.monotonic()
 
     def device_s(self) -> float:
-        """The device's time now, s from the script's start; 0 before."""
+        """Present time of the device, s from the script's start; 0 before."""
         return 0.0 if self._start_s is None else time.monotonic() - self._start_s
 
     def catch_up(self) -> None:
-        """Bring the device to the present, even if it has nothing to do there."""
+        """Advance the device to the present, even if it has nothing to do there."""
         now_s = time.monotonic()
         self._play(now_s)
         self._deliver(self.device.reports(self.device_s()), now_s)
@@ -153,7 +153,7 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
     # -- time ----------------------------------------------------------------------------------
 
     def _next_due_s(self, now_s: float) -> float:
-        """When anything is due next, monotonic s."""
+        """Return the monotonic time of the next due action, s."""
         due_s = self.backend.due_s
         if now_s < self.refused_until_s:
             due_s = min(due_s, self.refused_until_s)
@@ -164,7 +164,7 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
 
     def _play(self, now_s: float) -> None:
         """Move the device until the monotonic time `now_s`, and pass on its reports. A device that
-        was unplugged and plugged in again meanwhile is gone for its programs all the same."""
+        was replugged meanwhile has vanished for its programs nevertheless."""
         if self._start_s is None:
             self._deliver((), now_s)
             return
@@ -176,7 +176,7 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
             self._deliver(reports, now_s)
 
     def _deliver(self, reports: Sequence[M], now_s: float) -> None:
-        """Pass `reports` on, and plug the device in or out as it is."""
+        """Pass `reports` on, and plug the device in or out to match its state."""
         backend = self.backend
         refused = now_s < self.refused_until_s and not backend.tells_refusal
         wanted = self.device.plugged and not refused

@@ -1,8 +1,7 @@
 """Kinematics of simulated arms, from their makers' Denavit-Hartenberg tables.
 
-Independent of the package's other kinematics on purpose: the gateway's results, and the models of
-the arms, are checked against this. Lengths in m, angles in rad, rotations as row-major 9-tuples
-while computing.
+Independent of the package's other kinematics on purpose: it checks the gateway's results and the
+models of the arms. Lengths in m, angles in rad, rotations as row-major 9-tuples while computing.
 
 Sources, standard (distal) DH parameters; the last frame is tool0: ABB CRB 15000-5/0.95 as published
 with its public drivers; UR5 and UR5e from UR's article on DH parameters (nominal values). UR's are
@@ -47,7 +46,7 @@ class SixAxisArm(NamedTuple):
 
 
 _TIME_TO_FULL_SPEED_S = 0.1
-"""The manufacturer publishes no joint accelerations; full speed in a tenth of a second is within
+"""The manufacturer publishes no joint accelerations; full speed in a tenth of a second agrees with
 the published 36.9 m/s² at the TCP at full reach."""
 
 _GOFA_SPEED_DEG_S = (125.0, 125.0, 140.0, 200.0, 200.0, 200.0)
@@ -89,7 +88,7 @@ UR_LINKS: Mapping[str, tuple[DhTransform, ...]] = {
 
 
 class Frames(NamedTuple):
-    """Places of the joint axes and of the TCP in one configuration."""
+    """Joint axes and TCP in one configuration."""
 
     pose: Pose
     axes: list[tuple[float, float, float]]
@@ -101,7 +100,7 @@ class Frames(NamedTuple):
 
 
 def forward(joints: Sequence[float], links: Sequence[DhTransform] = GOFA.links) -> Frames:
-    """TCP pose and joint axes at `joints` (rad)."""
+    """Return TCP pose and joint axes at `joints` (rad)."""
     xx, xy, xz = 1.0, 0.0, 0.0
     yx, yy, yz = 0.0, 1.0, 0.0
     zx, zy, zz = 0.0, 0.0, 1.0
@@ -132,7 +131,7 @@ def _quaternion(
     r21: float,
     r22: float,
 ) -> Quaternion:
-    """The unit quaternion of a rotation matrix, from its largest component.
+    """Return the unit quaternion of a rotation matrix, from its largest component.
 
     The sign depends on that component, so it can flip along a motion, as a controller's can.
     """
@@ -154,7 +153,7 @@ def _quaternion(
 
 
 def jacobian(frames: Frames) -> list[tuple[float, ...]]:
-    """The Jacobian of the TCP in the base frame, a column a joint: v (m/s) over w (rad/s)."""
+    """Return the TCP's Jacobian in the base frame, a column a joint: v (m/s) over w (rad/s)."""
     tx, ty, tz = frames.pose.position
     columns: list[tuple[float, ...]] = []
     for (zx, zy, zz), (px, py, pz) in zip(frames.axes, frames.origins, strict=True):
@@ -164,7 +163,7 @@ def jacobian(frames: Frames) -> list[tuple[float, ...]]:
 
 
 def _cholesky(gram: Sequence[Sequence[float]], shift: float) -> list[list[float]] | None:
-    """The lower triangle L with L·Lᵀ = gram + shift·1; None where that is not positive definite."""
+    """Return the lower triangle L with L·Lᵀ = gram + shift·1; None if not positive definite."""
     rows: list[list[float]] = []
     for i, line in enumerate(gram):
         row: list[float] = []
@@ -198,12 +197,12 @@ class Differential:
         self._lower = lower
 
     def is_singular(self, threshold: float) -> bool:
-        """True when the smallest singular value of J is below `threshold` (m and rad together)."""
+        """True if the smallest singular value of J is below `threshold` (m and rad together)."""
         # All singular values are at least t where J·Jᵀ - t²·1 is positive definite.
         return threshold > 0.0 and _cholesky(self._gram, -threshold * threshold) is None
 
     def joints(self, twist: Sequence[float]) -> list[float]:
-        """Joint motion that gives the TCP motion `twist` (v over w)."""
+        """Return the joint motion for the TCP motion `twist` (v over w)."""
         lower = self._lower
         solved: list[float] = []
         for row, value in zip(lower, twist, strict=True):
@@ -217,7 +216,7 @@ class Differential:
 
 
 def manipulability(frames: Frames) -> float:
-    """The square root of det(J·Jᵀ), m and rad together; 0 where the arm is singular."""
+    """Return the square root of det(J·Jᵀ), m and rad together; 0 at a singularity."""
     rows = list(zip(*jacobian(frames), strict=True))
     gram = [[sum(map(mul, row, other)) for other in rows[: i + 1]] for i, row in enumerate(rows)]
     lower = _cholesky(gram, 0.0)
@@ -225,7 +224,7 @@ def manipulability(frames: Frames) -> float:
 
 
 def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:
-    """Error from `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
+    """Return the error from `actual` to `target`: v (m) over rotation vector (rad), base frame."""
     tx, ty, tz = target.position
     ax, ay, az = actual.position
     rx, ry, rz = rotation_between(actual.orientation, target.orientation)

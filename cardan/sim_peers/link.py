@@ -1,4 +1,4 @@
-"""A bad network between a simulated peer and the other side, in virtual time."""
+"""Faulty network between a simulated peer and the other side, in virtual time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LINK_FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("delay", "added to every datagram, each way, ms", 20.0),
     FaultSwitch("jitter", "at most this much added to a datagram, order kept, each way, ms", 8.0),
 )
-"""Switches of every peer on a network. "garbage" is the link's too, but means junk of a protocol:
+"""Switches of every peer on a network. The link also has "garbage", which means junk of a protocol:
 each peer words its own."""
 
 _NAMES = (*(switch.name for switch in LINK_FAULTS), "garbage")
@@ -29,7 +29,7 @@ SentT = TypeVar("SentT")
 
 
 class FaultyLink(Generic[SentT]):
-    """Direction of a bad network, in virtual time: `push` sent items, `pop` those that arrive.
+    """One direction of a faulty network, in virtual time: `push` sent items, `pop` arrived ones.
 
     With `garbage` the items are bytes.
     """
@@ -68,7 +68,7 @@ class FaultyLink(Generic[SentT]):
         self._release(now_s, force=True)
 
     def pop(self, now_s: float) -> list[SentT]:
-        """Take the items that have arrived by `now_s`, in order of arrival."""
+        """Return the items that have arrived by `now_s`, in order of arrival."""
         self._release(now_s, force=False)
         arrived = []
         while self._waiting and self._waiting[0][0] <= now_s:
@@ -76,7 +76,7 @@ class FaultyLink(Generic[SentT]):
         return arrived
 
     def next_s(self) -> float | None:
-        """When the next datagram arrives, if one is under way."""
+        """Return the time of the next arrival; None if nothing is under way."""
         times = [self._waiting[0][0]] if self._waiting else []
         if self._overtaken is not None:
             times.append(self._overtaken[0])

@@ -1,4 +1,4 @@
-"""The motion of a vector in time, as scripts describe it: ramps, with sine swings on top."""
+"""Motion of a vector in time for scripts: ramps, with superimposed sine periods."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class VectorRamp(NamedTuple):
     """Ramp to `goal` from the present vector."""
 
     goal: tuple[float | None, ...]
-    """None: this component goes on to where it was going, in the same time as the others."""
+    """None: this component keeps its own goal, reached in the same time as the others."""
     over_s: float = 0.0
     ends_swings: bool = False
-    """Starts from the vector with its swings, and ends them; they stay on top otherwise."""
+    """Start from the vector with its swings, and end them; otherwise they stay superimposed."""
 
 
 class SinePeriods(NamedTuple):
@@ -29,16 +29,16 @@ class SinePeriods(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """How long it lasts."""
+        """Duration of all periods."""
         return self.period_s * self.times
 
 
 class VectorMotion(Generic[V]):
-    """A vector that strokes move; it begins at `rest` and stays where the last ramp took it.
+    """Vector that strokes move; it begins at `rest` and stays at the goal of the last ramp.
 
-    `period_s` is how often it is to be sampled while it moves. Ramps are linear, or `gentle`: half
-    a cosine, that starts and ends without speed. All times count from the same zero as those of
-    `advance`, and must not go back.
+    `period_s` is the sample period during motion. Ramps are linear, or `gentle`: half a cosine,
+    with zero speed at both ends. All times count from the same zero as those of `advance`, and must
+    not go back.
     """
 
     def __init__(self, rest: V, period_s: float = math.inf, *, gentle: bool = False) -> None:
@@ -52,7 +52,7 @@ class VectorMotion(Generic[V]):
 
     @property
     def next_due_s(self) -> float:
-        """When it is to be sampled next, s; inf while it does not move."""
+        """Time of the next sample, s; inf at rest."""
         ends_s = [begin_s + swing.duration_s for begin_s, swing in self._swings]
         if self._now_s < self._begin_s + self._over_s:
             ends_s.append(self._begin_s + self._over_s)
@@ -71,7 +71,7 @@ class VectorMotion(Generic[V]):
         self._begin_s, self._over_s = begin_s, stroke.over_s
 
     def advance(self, now_s: float) -> V:
-        """The vector at `now_s`; swings that have ended by then are forgotten."""
+        """Return the vector at `now_s`, and discard swings that have ended by then."""
         self._now_s = now_s
         self._swings = [
             (begin_s, swing)
@@ -81,7 +81,7 @@ class VectorMotion(Generic[V]):
         return self.at(now_s)
 
     def without_swings(self, at_s: float) -> V:
-        """The vector at `at_s` by the ramps alone."""
+        """Return the vector at `at_s` by the ramps alone."""
         if at_s >= self._begin_s + self._over_s:
             return self._goal
         share = (at_s - self._begin_s) / self._over_s
@@ -92,7 +92,7 @@ class VectorMotion(Generic[V]):
         )
 
     def at(self, at_s: float) -> V:
-        """The vector at `at_s`."""
+        """Return the vector at `at_s`."""
         vector = self.without_swings(at_s)
         for begin_s, swing in self._swings:
             if begin_s <= at_s < begin_s + swing.duration_s:
@@ -103,7 +103,7 @@ class VectorMotion(Generic[V]):
         return vector
 
     def rates_at(self, at_s: float) -> V:
-        """The vector's derivative at `at_s`, 1/s."""
+        """Return the vector's derivative at `at_s`, 1/s."""
         rates = [0.0] * len(self._goal)
         if at_s < self._begin_s + self._over_s:
             slope = 1.0 / self._over_s

@@ -1,7 +1,7 @@
-"""A network between two computers, simulated: passes TCP connections on, late and unevenly.
+"""Simulated network between two computers: forwards TCP connections with delay and jitter.
 
-TCP delivers all bytes in order, so jitter and pauses hold up what comes after them, as on a real
-network; a lost packet, which TCP sends again, is such a delay, too.
+TCP delivers all bytes in order. Jitter and pauses thus delay all later data, as on a real network;
+a lost packet, which TCP sends again, is such a delay too.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ FAULTS = (
 
 READ_BYTES = 65536
 MOST_UNDER_WAY = 1 << 20
-"""Bytes of one direction that may be under way; the sender waits with more."""
+"""Most bytes of one direction in transit; at the limit the sender waits."""
 CONNECT_WITHIN_S = 1.0
-"""Longest wait for the other side, on this computer or beside it."""
+"""Longest wait for the other side."""
 
 log = logging.getLogger(__name__)
 
@@ -81,7 +81,7 @@ class DelayedStream(DelayLine):
         """Bytes sent that have not arrived."""
 
     def carry(self, report: bytes, sent_s: float) -> None:
-        """Take a chunk; an empty one is the end of the stream."""
+        """Accept a chunk; an empty one is the end of the stream."""
         options = self._options
         late_ms = options.delay_ms + self._random.uniform(0.0, options.jitter_ms)
         self._latest_s = max(self._latest_s, sent_s + 1e-3 * late_ms)
@@ -100,25 +100,25 @@ class _Direction:
     def __init__(self, source: socket.socket, sink: socket.socket, way: DelayedStream) -> None:
         self.source, self.sink, self.way = source, sink, way
         self.ended = False
-        """The source has sent all."""
+        """The source has sent all data."""
         self.done = False
-        """All has been delivered."""
+        """All data have been delivered."""
         self._backlog = bytearray()
-        """Bytes that the sink does not take yet."""
+        """Bytes that the sink does not accept yet."""
         self._closing = False
 
     @property
     def reads(self) -> bool:
-        """Whether more may be under way."""
+        """True if more data may be in transit."""
         return not self.ended and self.way.under_way + len(self._backlog) < MOST_UNDER_WAY
 
     @property
     def writes(self) -> bool:
-        """Whether something waits for the sink."""
+        """True if data wait for the sink."""
         return bool(self._backlog)
 
     def read(self, now_s: float) -> None:
-        """Take what the source has sent. Raises OSError where its connection is lost."""
+        """Read from the source. Raises OSError if its connection is lost."""
         try:
             data = self.source.recv(READ_BYTES)
         except BlockingIOError:
@@ -127,7 +127,7 @@ class _Direction:
         self.way.carry(data, now_s)
 
     def deliver(self, now_s: float) -> None:
-        """Pass on what has arrived. Raises OSError where the sink's connection is lost."""
+        """Deliver the data that have arrived. Raises OSError if the sink's connection is lost."""
         for chunk in self.way.arrived(now_s):
             self._backlog += chunk
             self._closing |= not chunk
@@ -145,7 +145,7 @@ _Connection = tuple[_Direction, _Direction]
 
 
 class SimulatedNetworkPeer(SimulatedPeer):
-    """Listens on a port, and passes each connection on to another, late in both directions."""
+    """Listens on a port, and forwards each connection to another, with delay in both directions."""
 
     def __init__(self, options: SimulatedNetworkOptions | None = None) -> None:
         self.options = options = SimulatedNetworkOptions() if options is None else options
@@ -217,7 +217,7 @@ class SimulatedNetworkPeer(SimulatedPeer):
     def _accept(self, listening: socket.socket) -> None:
         try:
             near, _ = listening.accept()
-        except OSError:  # gone before it was taken, or no more file descriptors
+        except OSError:  # The client left before it was accepted, or no file descriptor is free.
             return
         to_host, to_port = self.options.to_host, self.options.to_port
         try:

@@ -1,4 +1,4 @@
-"""The core of a simulated device that reports all the time, whether or not it moves."""
+"""Core of a simulated device that reports periodically, in motion or not."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ PERIODIC_FAULTS = (
 class PeriodicDevice(ABC, Generic[M]):
     """Sends a report, of type M, every `period_s`; times are s from the script's start.
 
-    It has the `PERIODIC_FAULTS`. `switches` are all that the device can have, with its own; raises
-    ScriptError for a fault that is not among them.
+    It has the `PERIODIC_FAULTS`. `switches`: these and the device's own; raises ScriptError for any
+    other fault.
     """
 
     def __init__(
@@ -33,9 +33,9 @@ class PeriodicDevice(ABC, Generic[M]):
     ) -> None:
         check_faults(faults, switches)
         self.plugged = True
-        """Whether programs can find the device."""
+        """True if programs can find the device."""
         self.silent = False
-        """Whether the device sends nothing while it is there."""
+        """True if the device sends nothing although it is plugged in."""
         self.next_due_s = 0.0
         """Time of the next report."""
         self._period_s = period_s
@@ -45,7 +45,7 @@ class PeriodicDevice(ABC, Generic[M]):
 
     @abstractmethod
     def report(self) -> M:
-        """The device's report now."""
+        """Return the device's report now."""
 
     def unplug(self) -> None:
         """Remove the device."""
@@ -56,11 +56,11 @@ class PeriodicDevice(ABC, Generic[M]):
         self.plugged = True
 
     def fall_silent(self) -> None:
-        """Send nothing more."""
+        """Stop sending."""
         self.silent = True
 
     def reports(self, now_s: float) -> list[M]:
-        """Reports from the last call until `now_s`."""
+        """Return the reports from the last call until `now_s`."""
         reports = []
         while self.next_due_s <= now_s:
             for _, action in self._timed.due(self.next_due_s):
@@ -71,7 +71,7 @@ class PeriodicDevice(ABC, Generic[M]):
         return reports
 
     def skip_to(self, now_s: float) -> None:
-        """Send nothing for the time before `now_s`: the machine was too busy to simulate it."""
+        """Skip the reports before `now_s`: the machine was too busy to simulate them."""
         missed = math.ceil((now_s - self.next_due_s) / self._period_s)
         self.next_due_s += max(0, missed) * self._period_s
 
@@ -84,7 +84,7 @@ class HeldModel(NamedTuple):
 
 
 class HeldPeriodicDevice(PeriodicDevice[M]):
-    """Device with six deflections and buttons that is held, on a program's page or node."""
+    """Device with six deflections and buttons, on a program's page or node."""
 
     model: HeldModel
 
@@ -97,7 +97,7 @@ class HeldPeriodicDevice(PeriodicDevice[M]):
         self.held: tuple[str, ...] = ()
         self.led: bool | None = None
         self.rumble = 0.0
-        """The newest commanded strength of vibration, 0..1."""
+        """Newest commanded strength of vibration, 0..1."""
 
     def set_axes(self, axes: Sequence[float]) -> None:
         """Deflect the device."""
@@ -112,7 +112,7 @@ class HeldPeriodicDevice(PeriodicDevice[M]):
         self.held = tuple(each for each in self.held if each != label)
 
     def silence(self) -> None:
-        """Send nothing: the sender of its reports hangs."""
+        """Stop sending: the sender of its reports hangs."""
         self.silent = True
 
     def resume(self) -> None:

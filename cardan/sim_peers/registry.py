@@ -23,7 +23,7 @@ BUILT_IN = {
     "ur": "cardan.sim_peers.ur_controller.tcp:UrControllerCommand",
     "xr": "cardan.sim_peers.handheld.peer:XrPageCommand",
 }
-"""Our own peers. Other packages add theirs by an entry point of the same form."""
+"""Built-in peers. Other packages add theirs by an entry point of the same form."""
 
 
 FINDER: Finder[PeerCommand[Any]] = Finder(

@@ -1,4 +1,4 @@
-"""Shared parts of motion scripts: the words of a script's step, and steps as actions in time."""
+"""Shared parts of motion scripts: words of a step, and steps as timed actions."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class HeldDevice(Protocol):
 
     @property
     def plugged(self) -> bool:
-        """Whether programs can find it."""
+        """True if programs can find it."""
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next; inf while at rest."""
+        """Time of the next work of `reports`; inf while at rest."""
 
     def reports(self, now_s: float) -> list[Any]:
-        """Reports that it sends from the last call until `now_s`."""
+        """Return the reports sent from the last call until `now_s`."""
 
     def skip_to(self, now_s: float) -> None:
-        """Send nothing for the time before `now_s`, except reports that must not be lost."""
+        """Skip the time before `now_s`, except for reports that must not be lost."""
 
 
 class DeviceMotion(Protocol[D_contra]):
@@ -41,10 +41,10 @@ class DeviceMotion(Protocol[D_contra]):
 
     @property
     def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf when nothing is planned."""
+        """Time of the next work of `advance`, s; inf when nothing is planned."""
 
     def advance(self, now_s: float, device: D_contra) -> None:
-        """Do the actions on `device` that are due until `now_s`."""
+        """Apply the actions on `device` that are due until `now_s`."""
 
 
 H = TypeVar("H", bound=HeldDevice)
@@ -52,7 +52,7 @@ H = TypeVar("H", bound=HeldDevice)
 
 def pieces(device: H, motion: DeviceMotion[H], until_s: float) -> Iterator[list[Any]]:
     """Move `device` by `motion` until `until_s`, each at its due times. Yields the reports, in
-    pieces that end where it is plugged in or out."""
+    pieces that end when it is plugged in or out."""
     sent: list[Any] = []
     plugged = device.plugged
     while (due_s := min(device.next_due_s, motion.next_due_s)) <= until_s:
@@ -66,29 +66,29 @@ def pieces(device: H, motion: DeviceMotion[H], until_s: float) -> Iterator[list[
 
 
 def play(device: H, motion: DeviceMotion[H], until_s: float) -> list[Any]:
-    """All reports of `pieces` in one list."""
+    """Return all reports of `pieces` in one list."""
     return [each for piece in pieces(device, motion, until_s) for each in piece]
 
 
 def calling(method: str, *arguments: Any) -> Action[Any]:
-    """A step that calls a method of the device."""
+    """Return a step that calls a method of the device."""
     return lambda device, _: getattr(device, method)(*arguments)
 
 
 def setting(attribute: str, value: Any) -> Action[Any]:
-    """A step that sets an attribute of the device."""
+    """Return a step that sets an attribute of the device."""
     return lambda device, _: setattr(device, attribute, value)
 
 
 def moving(motion: VectorMotion[V], stroke: VectorRamp | SinePeriods) -> Action[Any]:
-    """A step that begins a stroke."""
+    """Return a step that begins a stroke."""
     return lambda _, at_s: motion.start(at_s, stroke)
 
 
 class StepWords:
-    """The words behind a step's verb, taken one after the other.
+    """Parser of the words after a step's verb.
 
-    All methods raise ScriptError, naming the step and where it helps its usage (from `verbs`).
+    All methods raise ScriptError, which names the step and, if it helps, its usage (from `verbs`).
     """
 
     def __init__(self, step: ScriptStep, verbs: Mapping[str, str]) -> None:
@@ -96,20 +96,20 @@ class StepWords:
         self.verb = step.verb
         self.usage = verbs[step.verb]
         self.left = list(step.args)
-        """The words that were not taken yet."""
+        """Words that were not taken yet."""
 
     def error(self, what: str) -> ScriptError:
-        """The error to raise for this step; `what` is wrong with it."""
+        """Return the error to raise for this step; `what` is the problem."""
         return ScriptError(f"{self.time_s:g} s {self.verb}: {what}")
 
     def word(self, name: str) -> str:
-        """The next word, whatever it is; `name` is its name in the usage."""
+        """Take the next word; `name` is its name in the usage."""
         if not self.left:
             raise self.error(f"{name} is missing; usage: {self.usage}")
         return self.left.pop(0)
 
     def number(self, name: str, lowest: float = -math.inf, highest: float = math.inf) -> float:
-        """The next word as a finite number in `lowest` to `highest`."""
+        """Take the next word as a finite number in `lowest` to `highest`."""
         text = self.word(name)
         try:
             value = float(text)
@@ -126,7 +126,7 @@ class StepWords:
         return tuple([self.number(name, lowest, highest) for name in names])
 
     def keyword(self, name: str) -> bool:
-        """Take the next word if it is `name`. Returns whether it was."""
+        """Take the next word if it is `name`; return True if it was."""
         found = self.left[:1] == [name]
         del self.left[: int(found)]
         return found
@@ -137,13 +137,13 @@ class StepWords:
             raise self.error(f"{name!r} is missing; usage: {self.usage}")
 
     def over(self) -> float:
-        """``[over SECONDS]``; 0 without."""
+        """Take ``[over SECONDS]``; return 0 without it."""
         return self.number("SECONDS", 0.0) if self.keyword("over") else 0.0
 
     def swing(
         self, amplitude: tuple[float, ...], shortest_s: float, *, phased: bool = True
     ) -> SinePeriods:
-        """``over SECONDS [times N] [phase DEGREES]``, the last only if `phased`."""
+        """Take ``over SECONDS [times N] [phase DEGREES]``, the last only if `phased`."""
         self.needs("over")
         period_s = self.number("SECONDS", shortest_s)
         times = int(self.number("N", 1.0)) if self.keyword("times") else 1
@@ -159,11 +159,11 @@ class StepWords:
 
 
 class ScriptTimeline(Generic[A]):
-    """A script's actions in the order of time, again from the start where it says ``loop``.
+    """Actions of a script in the order of time, repeated from ``loop``.
 
-    `read` turns a step's words into actions and their times, s; those after the loop come at the
-    loop. `start_s` is when the script begins; inf: when `start` is called. Raises ScriptError for
-    a ``loop`` that is not the last step, and any error of `read`.
+    `read` turns a step's words into actions and their times, s; actions after the loop happen at
+    the loop. `start_s`: start of the script; inf: at the call of `start`. Raises ScriptError for a
+    ``loop`` that is not the last step, and any error of `read`.
     """
 
     def __init__(
@@ -193,7 +193,7 @@ class ScriptTimeline(Generic[A]):
 
     @property
     def next_due_s(self) -> float:
-        """When the next action or the loop is due, s; inf before the start and after the end."""
+        """Time of the next action or loop, s; inf before the start and after the end."""
         if self._next < len(self._actions):
             return self._start_s + self._actions[self._next][0]
         return self._start_s + self._loop_s
@@ -204,7 +204,7 @@ class ScriptTimeline(Generic[A]):
             self._start_s = now_s
 
     def due(self, now_s: float) -> Iterator[tuple[float, A]]:
-        """Each action that is due until `now_s` and that was not given before, with its time."""
+        """Yield each new action that is due until `now_s`, with its time."""
         while (due_s := self.next_due_s) <= now_s:
             if self._next < len(self._actions):
                 self._next += 1
@@ -214,11 +214,10 @@ class ScriptTimeline(Generic[A]):
 
 
 class MotionScript(ABC, Generic[D]):
-    """Plays the steps of a script on a device, of type D; afterwards it stays as it is.
+    """Plays the steps of a script on a device of type D, which keeps its last state.
 
-    `motions` move parts of the device in time. `start_s` is when the script begins; inf: when
-    `start` is called. Raises ScriptError, naming the step, for arguments that its verb does not
-    take.
+    `motions` move parts of the device in time. `start_s`: start of the script; inf: at the call of
+    `start`. Raises ScriptError, naming the step, for arguments that its verb does not take.
     """
 
     def __init__(
@@ -243,7 +242,7 @@ class MotionScript(ABC, Generic[D]):
 
     @abstractmethod
     def _hold(self, device: D, now_s: float) -> None:
-        """Hold `device` as the motions have it at `now_s`."""
+        """Set `device` to the state of the motions at `now_s`."""
 
     def start(self, now_s: float) -> None:
         """Begin the script at `now_s`, unless it has begun."""
@@ -251,13 +250,13 @@ class MotionScript(ABC, Generic[D]):
 
     @property
     def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf before the start and after the end."""
+        """Time of the next work of `advance`, s; inf before the start and after the end."""
         return min(
             self._timeline.next_due_s, *(motion.next_due_s for motion in self._motions), math.inf
         )
 
     def advance(self, now_s: float, device: D) -> None:
-        """Do every step that is due until `now_s`, then hold `device` as it is at `now_s`."""
+        """Apply every step that is due until `now_s`, then set `device` to its state at `now_s`."""
         for due_s, action in self._timeline.due(now_s):
             action(device, due_s)
         self._hold(device, now_s)

@@ -1,4 +1,4 @@
-"""The shell of a simulated controller that serves several TCP ports."""
+"""Shell of a simulated controller that serves several TCP ports."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cardan.sim_peers.tcp_servers import KindT, TcpServers
 
 _READ_BYTES = 4096
 _BACKLOG_BYTES = 64 * 1024
-"""Most bytes kept here, beside the kernel's buffer, for a client that does not read; with more its
-connection is dropped, or the excess is left out."""
+"""Most bytes kept here, beyond the kernel's buffer, for a client that does not read; at the limit
+its connection is dropped, or the excess discarded."""
 _WAITING_CLIENTS = 8
 _RESET = struct.pack("ii", 1, 0)
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
@@ -34,16 +34,16 @@ class _Link(Generic[KindT]):
     connection: socket.socket
     backlog: bytearray = field(default_factory=bytearray)
     unread: bool = False
-    """Something lies in the receive buffer of a port that is not read, where it stays."""
+    """Data lie in the receive buffer of a port that is never read."""
     watched: int = 0
     lost: bool = False
-    """Its client is gone, or does not read."""
+    """The client has left, or does not read."""
 
 
 class TcpPeer(SimulatedPeer, Generic[KindT]):
     """Serves `servers` on an absolute schedule.
 
-    A peer gives `_port_of`; with port 0 any free ports are taken.
+    Subclasses define `_port_of`; with port 0 any free ports are taken.
     """
 
     servers: TcpServers[KindT, Any]
@@ -58,7 +58,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
 
     @abstractmethod
     def _port_of(self, kind: KindT) -> int:
-        """The port that is asked for; 0: any free one."""
+        """Return the requested port; 0: any free one."""
 
     def _opened(self) -> None:
         """Open further resources after the ports. Raises a CardanError."""
@@ -76,7 +76,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         return f"{self._host}:{self.port(self.kinds[0])}"
 
     def port(self, kind: KindT) -> int:
-        """The port that is listened on, or is asked for while it is not open."""
+        """Return the listening port, or the requested one while it is not open."""
         listener = self._listeners.get(kind)
         if listener is not None:
             return int(listener.getsockname()[1])
@@ -126,7 +126,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                         self._send(key.data, b"")
                     if events & _READ:
                         self._read(key.data)
-                elif callable(key.data):  # of a peer's files beside its ports
+                elif callable(key.data):  # Files of a peer besides its ports.
                     key.data(events)
                 else:
                     self._accept(key.data)
@@ -139,7 +139,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
     def _accept(self, kind: KindT) -> None:
         try:
             connection, _ = self._listeners[kind].accept()
-        except OSError:  # gone before it was taken, or no more file descriptors
+        except OSError:  # The client left before it was accepted, or no file descriptor is free.
             return
         number = self.servers.accepted(kind, time.monotonic())
         if number is None:
@@ -189,7 +189,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                 self._forget(link)
 
     def _send(self, link: _Link[KindT], data: bytes) -> None:
-        """Write, after data that still waits; data that the socket does not take waits."""
+        """Write after data that still waits; data that the socket does not accept waits."""
         if link.number not in self._links or link.lost:
             return
         backlog = link.backlog
@@ -205,7 +205,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
             self._lost(link, f"{error.strerror}")
 
     def _lost(self, link: _Link[KindT], reason: str) -> None:
-        """End a link, once: its further events are ignored until it is forgotten."""
+        """End a link, once: its further events are ignored."""
         link.lost = True
         link.backlog.clear()
         self.servers.lost(link.number, time.monotonic(), reason)
@@ -217,7 +217,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         link.connection.close()
 
     def _watch(self, selector: selectors.BaseSelector) -> None:
-        """Listen to those sockets that may be read or can be written now."""
+        """Watch the sockets that may be read or can be written now."""
         servers = self.servers
         for link in self._links.values():
             reads = servers.takes(link.number) and not link.unread
@@ -254,7 +254,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
 
 
 def listen(sock: socket.socket, address: Any) -> None:
-    """Bind to the address and take connections; of :func:`cardan.common.sockets.opened`."""
+    """Bind to the address and accept connections; for :func:`cardan.common.sockets.opened`."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     sock.bind(address)
     sock.listen(_WAITING_CLIENTS)

@@ -1,7 +1,7 @@
 """The servers of a simulated controller, sans I/O: connections, schedules, faults of the network.
 
-Bytes come in with the time, pieces to write go out; a shell (`cardan.sim_peers.tcp_peer`, or a
-simulation in virtual time) has the sockets.
+Input is bytes with their time, output is pieces to write; a shell (`cardan.sim_peers.tcp_peer`, or
+a simulation in virtual time) has the sockets.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ ConnectionT = TypeVar("ConnectionT", bound=ServerConnection[Any])
 class TcpServers(ABC, Generic[KindT, ConnectionT]):
     """The servers of a controller; connections are small integers.
 
-    The first time given is the start, from which the times of faults count. The faults "late",
-    "split", "garbage", "silent", "cut" and "reset" are of here; the protocol defines which data is
-    late, and the garbage.
+    Times of faults count from the first time given. The faults "late", "split", "garbage",
+    "silent", "cut" and "reset" are implemented here; the protocol defines which data is late, and
+    the garbage.
     """
 
     kinds: tuple[KindT, ...]
-    """The ports, in the order in which they are opened; the first takes commands."""
+    """Ports in the order in which they are opened; the first receives commands."""
     never_read: ClassVar[frozenset[str]] = frozenset()
-    """Of `kinds`: nothing is ever taken from these connections."""
+    """Those of `kinds` whose connections are never read."""
     leaves_out: ClassVar[frozenset[str]] = frozenset()
-    """Of `kinds`: a client that does not read is not sent messages for which it has no room; a
-    client of another port is disconnected."""
+    """Those of `kinds` that skip messages for a client without room; a client of another port is
+    disconnected."""
     state_period_s: float
     """Period of published states."""
 
@@ -83,8 +83,8 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self.behave(faults)
 
     def behave(self, faults: Mapping[str, float]) -> None:
-        """Have these faults from now on, and none of the others; timed faults are planned from the
-        options only."""
+        """Activate only these faults from now on; timed faults are planned from the options
+        alone."""
         self._late_s = 1e-3 * faults.get("late", 0.0)
         self._split = faults.get("split", 0.0) > 0.0
         self._garbage_share = faults.get("garbage", 0.0)
@@ -93,7 +93,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @abstractmethod
     def _plan(self) -> TimedActions[TimedAction]:
-        """Actions at a time, counted from now: those of the network, and others."""
+        """Return the timed actions, counted from now: those of the network, and others."""
 
     @abstractmethod
     def _live(self) -> None:
@@ -101,15 +101,15 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @abstractmethod
     def _due(self) -> Iterator[float]:
-        """Times at which the controller, or its servers, have to go on."""
+        """Yield the times of the next work of the controller or its servers."""
 
     @abstractmethod
     def _refuses(self, kind: KindT) -> str:
-        """Why another client of this port is not served; empty: it is."""
+        """Return why another client of this port is refused; empty: it is accepted."""
 
     @abstractmethod
     def _met(self, kind: KindT, number: int) -> ConnectionT:
-        """The connection of a new client."""
+        """Return the connection of a new client."""
 
     @abstractmethod
     def _greet(self, connection: ConnectionT) -> None:
@@ -127,12 +127,12 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @property
     def silent(self) -> bool:
-        """Whether all traffic has stopped, as if the cable had been pulled."""
+        """True if all traffic has stopped, as with a disconnected cable."""
         return self._silent
 
     @property
     def next_s(self) -> float:
-        """When `advance` should be called next."""
+        """Time of the next call of `advance`."""
         times = [self._timed.next_s, *self._due()]
         if not self._silent:
             for each in self._connections.values():
@@ -143,11 +143,11 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return min(times)
 
     def takes(self, connection: int) -> bool:
-        """Whether the server of this connection is ready to read."""
+        """Return True if the server of this connection is ready to read."""
         return connection in self._connections and not self._silent
 
     def accepted(self, kind: KindT, now_s: float) -> int | None:
-        """Take a new client. Returns the number of its connection, None to close it at once."""
+        """Accept a new client; return the number of its connection, or None to close it at once."""
         self._go(now_s)
         if why := self._refuses(kind):
             self._note(f"{kind}: a client is refused, {why}")
@@ -159,7 +159,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return made.number
 
     def data(self, connection: int, data: bytes, now_s: float) -> None:
-        """Take the data of one read of a connection; of a port never read, the data of a peek."""
+        """Handle the data of one read; for a port that is never read, the data of a peek."""
         self._go(now_s)
         found = self._connections.get(connection)
         if found is not None and not self._silent:
@@ -177,11 +177,11 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
             self._drop(found, reason)
 
     def advance(self, now_s: float) -> None:
-        """Do all work that is due by `now_s`: the robot, faults, states, delayed data."""
+        """Do all work that is due by `now_s`: robot, faults, states, delayed data."""
         self._go(now_s)
 
     def outgoing(self) -> list[tuple[int, bytes]]:
-        """Pieces to write, each with one write, in this order; they are given once."""
+        """Return the pieces to write, each with one write, in this order; each is returned once."""
         pieces, self._last_words = self._last_words, []
         for each in self._connections.values():
             out = each.out
@@ -190,12 +190,12 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return [] if self._silent else pieces
 
     def closing(self) -> list[int]:
-        """Connections to close, after `outgoing` was written; they are given once."""
+        """Return the connections to close after `outgoing` was written; each is returned once."""
         numbers, self._closing = self._closing, []
         return numbers
 
     def aborting(self) -> list[int]:
-        """Connections to reset; they are given once."""
+        """Return the connections to reset; each is returned once."""
         numbers, self._aborting = self._aborting, []
         return numbers
 
@@ -213,7 +213,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
                 self._send(each, each.late.popleft()[1])
 
     def _state_due(self) -> bool:
-        """Whether a state is to be published now; those that were missed are left out."""
+        """Return True if a state is due now; missed ones are skipped."""
         if self._now_s < self._next_state_s:
             return False
         missed = math.floor((self._now_s - self._next_state_s) / self.state_period_s)
@@ -221,7 +221,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return True
 
     def _happens(self, share: float) -> bool:
-        """Whether a fault happens that has this share."""
+        """Return True if a fault of this share happens now."""
         return share > 0.0 and self._random.random() < share
 
     # -- faults of the network ------------------------------------------------------------------
@@ -253,14 +253,14 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self._parted(connection)
 
     def _later(self, connection: ConnectionT, data: bytes) -> None:
-        """Send data that the fault "late" may hold back."""
+        """Send data that the fault "late" may delay."""
         if self._late_s:
             connection.late.append((self._now_s + self._late_s, data))
         else:
             self._send(connection, data)
 
     def _send(self, connection: ConnectionT, data: bytes) -> None:
-        """Send data that was not held back, or no longer is."""
+        """Send data that is not, or no longer, delayed."""
         self._put(connection, data)
 
     def _put(self, connection: ConnectionT, data: bytes) -> None:

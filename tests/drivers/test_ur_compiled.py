@@ -11,6 +11,8 @@ import cardan
 from cardan.common.native import NativePartError
 from cardan.drivers.missed_cycles import AgreedTime, ClockWatch
 from cardan.drivers.ur_rtde import compiled
+from cardan.drivers.ur_rtde.motion import UrMotion
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import UrSession
 from cardan.errors import CommandError
 from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCommand
@@ -172,6 +174,38 @@ def test_a_session_is_that_in_python_to_the_last_bit(monkeypatch, seed):
     assert min(taken[True], quick.commands) > 300, (taken, quick.commands, ends)
 
 
+def test_what_missed_cycles_leave_is_worked_off_as_in_python():
+    options = UrRtdeOptions()
+    for seed in range(6):
+        choice = random.Random(seed)
+        quick = UrMotion(options, 1, 0, bytes(compiled.HEAD))
+        plain = UrMotion(options, 1, 0)
+        place, speeds, worked_off = [0.1] * 6, [0.0] * 6, 0
+        for motion in (quick, plain):
+            motion.begin(place)
+        time_s = 1.0
+        for cycle in range(3000):
+            time_s += choice.choice((0.002, 0.002, 0.006)) if cycle % 50 < 2 else 0.002
+            if cycle % 200 == 0:
+                swing = choice.choice((0.0, 0.0, 1e-6, 0.3, 0.8))
+            speeds = [v + 0.02 * (swing * choice.uniform(-1.0, 2.0) - v) for v in speeds]
+            if swing == 0.0 and cycle % 200 > 100:
+                speeds = [0.0] * 6
+            place = [q + v * 0.002 for q, v in zip(place, speeds, strict=True)]
+            command = JointCommand(tuple(place), tuple(speeds))
+            working = plain._lost.working
+            if quick.usual(command, time_s, 0.002) is None:
+                quick.command(command, time_s, 0.002, 1.0)
+            else:
+                worked_off += working
+            plain.command(command, time_s, 0.002, 1.0)
+            assert str(quick.reference) == str(plain.reference)
+            for name in ("offset", "rate", "working", "_fastest", "_rested_s"):
+                found = [getattr(motion._lost, name) for motion in (quick, plain)]
+                assert str(found[0]) == str(found[1]), name
+        assert worked_off > 500
+
+
 def test_a_usual_cycle_never_needs_the_session_in_python(monkeypatch):
     still = HoldCommand()
     bench = SessionBench(
@@ -223,5 +257,5 @@ def test_wrong_numbers_of_arguments_are_refused():
     bench.ready()
     with pytest.raises(TypeError, match="2 arguments"):
         bench.session.feed._compiled.take(b"")
-    with pytest.raises(TypeError, match="3 arguments"):
+    with pytest.raises(TypeError, match="4 arguments"):
         bench.session._motion._answer()

@@ -102,7 +102,10 @@ static void take_some(void)
 
 static void answer_some(void)
 {
-    UrCommands commands = {.largest_position = 2000.0, .largest_velocity = 100.0, .token = 7};
+    UrCommands commands = {.largest_position = 2000.0, .largest_velocity = 100.0, .token = 7,
+                           .work_off_s = 0.5, .work_off_share = 0.5, .recent_s = 5.0,
+                           .speed_up_s = 0.25, .slow_down_s = 0.1, .nothing = 1e-7};
+    UrSlip slip = {.fastest = number(0.0, 3.0)};
     UrReference reference = {.has_velocities = below(2), .has_target = below(2)};
     uint8_t *into = malloc(UR_COMMAND_SIZE);
     double dt_s = nonsense(1e-4, 0.02);
@@ -119,7 +122,15 @@ static void answer_some(void)
         reference.target[i] = number(-4.0, 4.0);
         reference.reference[i] = number(-4.0, 4.0);
         reference.velocity[i] = number(-1.0, 1.0) * limits->speed[i];
+        slip.offset[i] = below(30) ? number(-0.1, 0.1) : nonsense(-0.1, 0.1);
+        slip.rate[i] = number(-0.1, 0.1);
+        slip.before[i] = reference.velocities[i] + number(-0.1, 0.1);
     }
+    UrReference asked = reference;
+    UrSlip slipped = slip;
+    if (!ur_follow(&commands, &reference, dt_s, &slip))
+        check(!memcmp(&asked, &reference, sizeof asked) && !memcmp(&slipped, &slip, sizeof slip),
+              "a refused slip is added");
     UrReference before = reference;
     if (!ur_answer(&commands, &reference, dt_s, below(1 << 30), into)) {
         check(!memcmp(&before, &reference, sizeof before), "a refused command moves the reference");

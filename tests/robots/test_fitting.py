@@ -155,11 +155,13 @@ def test_nothing_is_farther_from_the_cover_than_from_the_hull(seed, how):
 
 @given(seed=SEEDS)
 @example(seed=61)  # A cylinder: of its flat ends, rounding lets a corner see some facets.
+@example(seed=95)  # A cone: a thin facet, whose plane a far point is a little beyond.
 @settings(max_examples=examples(40))
 def test_the_simplified_hull_is_within_its_margin_of_all_points(seed):
     points = cloud(seed)
     hull = Hull(points)
-    assert hull.distances(points).max() <= hull.margin_m
+    gap = hull.distances(points).max()
+    assert gap <= hull.margin_m <= max(gap, 0.0) + THINNEST_M
     # Its corners are corners of theirs, but for the joggle and for what was too thin.
     gaps = np.linalg.norm(hull.corners[:, None] - points[None], axis=2).min(axis=1)
     assert gaps.max() <= 2.0 * THINNEST_M

@@ -12,12 +12,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, get_args
 
-from cardan.bus.node import BusNode
+from cardan.bus.node import BusNode, MatchedEndpoints
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.compatibility import NamesOf
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
+from cardan.protocols.ros2.zenoh import SERVICE
 from tests.network_table import ACTION_PARTS, Kind, Row
 from tests.serving import free_tcp_port
 from tests.sweep.plan import NAMESPACE, NODE, RESULT, RUMBLED
@@ -50,8 +51,6 @@ router = ""
 listen = ["{endpoint}"]
 """
 TIMEOUT_S = WITHIN_S
-CALLS = 20
-"""So often a service is called that nothing answers."""
 FEED_PERIOD_S = 0.03
 MOVE_PERIOD_S = 0.3
 JOY = "sensor_msgs/msg/Joy"
@@ -107,6 +106,7 @@ class World:
         self.moving = threading.Event()
         """While this is set the arm goes to and fro, and a parameter changes."""
         self._over = threading.Event()
+        self._servers: dict[str, MatchedEndpoints] = {}
         self._threads = [threading.Thread(target=each) for each in (self._feed, self._move)]
 
     def open(self) -> None:
@@ -186,16 +186,15 @@ class World:
         self._call("ask", ASK, {"request": json.dumps(packet)})
 
     def _call(self, service: str, kind: str, request: dict[str, Any]) -> Any:
-        """The response; None where there is none."""
+        """Return the response to one call of a server that was found; None where there is none."""
+        # Without a known server Zenoh answers at once that there is no reply.
+        servers = self._servers.get(service)
+        if servers is None:
+            servers = self._servers[service] = self.node.presence(SERVICE, f"{NODE}/{service}")
+        until(servers.others, f"a server of {service}")
         client = self.node.client(f"{NODE}/{service}", kind)
         name = f"{kind}_Request"
-        data = codec_of(name).encode(completed(name, request))
-        # A client that is new may not have found the server yet: nothing answers then, at once.
-        reply = None
-        for _ in range(CALLS):
-            if (reply := client.call(data, TIMEOUT_S)) is not None:
-                break
-            time.sleep(0.1)
+        reply = client.call(codec_of(name).encode(completed(name, request)), TIMEOUT_S)
         client.close()
         return None if reply is None else codec_of(f"{kind}_Response").decode(reply)
 

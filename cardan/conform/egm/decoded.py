@@ -36,7 +36,7 @@ class Robot(NamedTuple):
 
     @property
     def running(self) -> bool:
-        """True if guidance acts."""
+        """True if guidance is running."""
         return self.message.mci_state == m.MCIState.RUNNING
 
     @property

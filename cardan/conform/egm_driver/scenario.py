@@ -19,7 +19,7 @@ SETTLE_S = 0.1
 
 
 class EgmControllerScenario(CyclicController):
-    """The simulated controller, run by a script. Nothing real moves."""
+    """The simulated controller, run by a script. No real arm moves."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         super().__init__()

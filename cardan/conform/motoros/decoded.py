@@ -31,7 +31,7 @@ class MotorosExchange(NamedTuple):
     time_s: float
     channel: str
     request: m.Message | None
-    """None: the data were deliberately no message, or a piece of one."""
+    """None: the data were deliberately invalid, or a part of a message."""
     raw: bytes
     reply: ReceivedMessage | None
 

@@ -104,7 +104,7 @@ FIRMWARE = (
 
 
 class MotorosControllerScenario(Scenario):
-    """The simulated controllers, run by a script. Nothing real moves.
+    """The simulated controllers, run by a script. No real arm moves.
 
     An open port listens; each client that connects is a channel of its own, with a number after
     the port's name.
@@ -222,7 +222,7 @@ class MotorosControllerScenario(Scenario):
             yield from self._befall(what, f"{name} {what}")
 
     def _run(self) -> Script:
-        """The client is connected and moves the arm, if it can be brought to that."""
+        """Wait until the client is connected and moves the arm, if it does."""
         for _ in range(TRIES):
             yield from self._serve(COME * self._seconds, self._connected)
             if not self._streams():
@@ -290,7 +290,7 @@ class MotorosControllerScenario(Scenario):
         self._servers.behave({})
 
     def _refused_start(self) -> Script:
-        """Refuse a first point as for a sagging arm: the client starts motion once more."""
+        """Refuse a first point as for a sagging arm: the client starts motion again."""
         yield from self._hang_up("motion")
         yield from self._serve(COME * self._seconds, self._connected)
         yield from self._serve(GREETED_S)

@@ -82,7 +82,7 @@ def version_of(decoded: UrTraffic) -> rtde.ControllerVersion | None:
 
 
 def accepted(exchange: RtdeExchange) -> bool | None:
-    """Return the answer; None: there was none."""
+    """Return True if the request was accepted; None: no answer."""
     reply = None if exchange.reply is None else exchange.reply.reply
     return reply.accepted if isinstance(reply, rtde.Accepted) else None
 

@@ -14,8 +14,7 @@ _FIRST_UNPRIVILEGED_PORT = 1024
 
 
 def bind_udp(host: str, port: int) -> socket.socket:
-    """A blocking UDP socket bound to an IPv4 `host` and `port`. AddressError says what to do
-    instead."""
+    """Bind a blocking UDP socket to an IPv4 `host` and `port`. Raises AddressError with advice."""
     sock = opened(
         host, port, socket.SOCK_DGRAM, socket.socket.bind, lambda error: _explain(host, port, error)
     )
@@ -24,7 +23,7 @@ def bind_udp(host: str, port: int) -> socket.socket:
 
 
 def resolve(host: str) -> str:
-    """The IPv4 address of `host`, or an AddressError."""
+    """Return the IPv4 address of `host`. Raises AddressError."""
     try:
         found = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
     except OSError as error:
@@ -61,7 +60,7 @@ def _explain(host: str, port: int, error: OSError) -> str:
 
 
 def _holder(port: int) -> str:
-    """The program that holds a UDP port; empty where Linux does not show it."""
+    """Program that holds a UDP port; empty if Linux does not show it."""
     try:
         lines = Path("/proc/net/udp").read_text(encoding="ascii").splitlines()[1:]
         inodes = {

@@ -1,10 +1,10 @@
 """Compiled cycle of the EGM driver: one call receives a datagram, another one answers it.
 
-Receiving is :class:`cardan.protocols.egm.reader.FeedbackReader` and what the session does with a
-usual datagram. Answering is the command's range, the limiter and the message:
-:mod:`cardan.drivers.limiters` and :mod:`cardan.protocols.egm.replies`. These do the same to the
-last bit; what is rare goes their way, and everything does where nothing was compiled. The memory is
-shared by both languages.
+Receiving covers :class:`cardan.protocols.egm.reader.FeedbackReader` and the session's handling of a
+usual datagram. Answering covers the command's range check, the limiter and the message:
+:mod:`cardan.drivers.limiters` and :mod:`cardan.protocols.egm.replies`. The Python code gives the
+same result to the last bit; it handles rare cases, and all cases if nothing was compiled. Both
+languages share the memory.
 """
 
 from __future__ import annotations
@@ -217,7 +217,7 @@ _FOUND = struct.Struct("14d48xqII")
 
 
 def expected_layout() -> list[int]:
-    """Size and field offsets as `egm_layout` of the compiled library must give them."""
+    """Size and field offsets that the compiled library's `egm_layout` must report."""
     return layout_of(CAnswer, CPoint, CTurn, CPoseAnswer, CLayout, CReader, CCycle)
 
 
@@ -228,7 +228,7 @@ def library_path() -> Path:
 
 @functools.cache
 def egm_library() -> Any:
-    """The compiled part, loaded once. Raises NativePartError, saying what to do."""
+    """Return the compiled part, loaded once. Raises NativePartError with advice."""
     what = "the compiled part of EGM's driver"
     loaded = load_own_library(library_path(), what, "egm", expected_layout())
     loaded.egm_read.restype = c_int32
@@ -238,15 +238,16 @@ def egm_library() -> Any:
 
 
 def _called(name: str, *held: object) -> Callable[..., Any]:
-    """The function `name` of kernel/python, with what it works on."""
+    """The function `name` of kernel/python, bound to its arguments."""
     return native_call(egm_library(), f"egm_call_{name}", *held)
 
 
 def datagrams(sock: socket.socket) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`recvfrom` and `sendto` of a socket; compiled ones for a blocking one of UDP over IPv4.
+    """Return `recvfrom` and `sendto` of a socket; compiled versions for a blocking UDP socket over
+    IPv4.
 
-    Those take half the time: a sender's address is the same object as before, and `sendto` takes
-    addresses as `recvfrom` gives them only. Both see the socket close.
+    These take half the time: they reuse the sender's address object, and `sendto` takes only
+    addresses from `recvfrom`. Both notice that the socket was closed.
     """
     if type(sock) is socket.socket and sock.family == socket.AF_INET and sock.gettimeout() is None:
         with contextlib.suppress(NativePartError):
@@ -256,8 +257,7 @@ def datagrams(sock: socket.socket) -> tuple[Callable[..., Any], Callable[..., An
 
 
 class CompiledReader(FeedbackReader):
-    """A reader of feedback whose learned layouts are compiled, too. Raises NativePartError where
-    nothing was compiled."""
+    """Feedback reader with compiled layouts. Raises NativePartError if nothing was compiled."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -302,7 +302,7 @@ class CompiledReader(FeedbackReader):
         self._teach(length, self._layouts[length])
 
     def _teach(self, length: int, layout: DatagramLayout | None) -> None:
-        """Have datagrams of `length` read by `layout`; None: the long way."""
+        """Read datagrams of `length` by `layout`; None: by the general path."""
         shared = self._shared
         index = next((i for i in range(LAYOUTS) if shared.layouts[i].length == length), None)
         if index is None:
@@ -320,10 +320,10 @@ class CompiledReader(FeedbackReader):
         into.length = length
 
     def compiled_receive(self, cycle: CompiledCycle, force_frame: Frame) -> Callable[..., Any]:
-        """A function that takes a datagram as `EgmSession.receive` does where nothing is unusual.
+        """Return a compiled `EgmSession.receive` for usual datagrams.
 
-        Given the datagram, the time and the state before it gives the new state, the datagram and
-        the jitter, or None.
+        From the datagram, the time and the previous state it makes the new state, the datagram and
+        the jitter, or None for an unusual datagram.
         """
         constants = (
             RobotState,
@@ -344,7 +344,7 @@ class CompiledCycle:
     """State that a session keeps between cycles, in memory shared with the compiled part."""
 
     def __init__(self, **constants: float) -> None:
-        """`constants` are fields of CCycle. Raises NativePartError where nothing was compiled."""
+        """`constants` are fields of CCycle. Raises NativePartError if nothing was compiled."""
         egm_library()
         self.cycle_state, self.memory = allotted(CCycle)
         for name, value in constants.items():
@@ -354,7 +354,7 @@ class CompiledCycle:
 
 
 def feedback_reader() -> FeedbackReader:
-    """The compiled reader where there is one, else the one in Python."""
+    """Return the compiled reader if there is one, else the Python one."""
     try:
         return CompiledReader()
     except NativePartError:
@@ -362,24 +362,24 @@ def feedback_reader() -> FeedbackReader:
 
 
 def _say(shared: Any, says_speed: bool, delay_s: float) -> None:
-    """Note what answers have in them."""
+    """Choose the fields of answers."""
     position, speed = 0 if delay_s else _SAYS_POSITION, _SAYS_SPEED if says_speed else 0
     shared.says, shared.delay_s, shared.relocates = position | speed, delay_s, delay_s > 0.0
 
 
 ReplyFunction = Callable[[RobotCommand, float, RobotState, bytes], bytes | None]
-"""Function of the command, the time, the answered state and the end of the message: one period of
-the limiters, and the message. None, and no change, for the unusual and for an invalid command,
-which Python explains."""
+"""Compiled answer: from the command, the time, the answered state and the end of the message, one
+period of the limiters and the message. None, and no change, for unusual and for invalid commands,
+which Python handles."""
 
 
 def no_answer(*_: object) -> None:
-    """The ReplyFunction where nothing is compiled."""
+    """ReplyFunction if nothing was compiled: always None."""
 
 
 class AnsweringLimiter(JointLimiter):
-    """A limiter of six joints that can answer a command by itself. Raises NativePartError where
-    nothing was compiled."""
+    """Limiter of six joints with a compiled answer. Raises NativePartError if nothing was
+    compiled."""
 
     def __init__(
         self,
@@ -391,9 +391,9 @@ class AnsweringLimiter(JointLimiter):
         says_speed: bool,
         delay_s: float = 0.0,
     ) -> None:
-        """As JointLimiter; `says_speed`: answers have the velocity beside the position. With a
-        `delay_s` (speed control) they have the velocity alone, and the reference begins where the
-        arm is after it."""
+        """Make a JointLimiter; with `says_speed`, answers have velocity beside position. With a
+        `delay_s` (speed control) they have velocity alone, and the reference begins at the arm's
+        position after that delay."""
         egm_library()
         self._shared, self._memory = allotted(CAnswer)
         shared = self._shared
@@ -406,7 +406,7 @@ class AnsweringLimiter(JointLimiter):
         _say(shared, says_speed, delay_s)
 
     def compiled_reply(self, cycle: CompiledCycle) -> ReplyFunction:
-        """A function that answers commands in the session of `cycle`."""
+        """Return the compiled answer for the session of `cycle`."""
         return _called(
             "answer_joints",
             cycle.memory,
@@ -448,7 +448,7 @@ class AnsweringLimiter(JointLimiter):
 
 
 class _Shared:
-    """State of a limiter in memory that the compiled part shares."""
+    """Limiter state in memory shared with the compiled part."""
 
     __slots__ = ()
     _shared: Any
@@ -506,8 +506,8 @@ class _SharedTurn(_Shared, OrientationLimiter):
 
 
 class AnsweringPose:
-    """Both limiters of a pose, which can answer a command by themselves. Raises NativePartError
-    where nothing was compiled."""
+    """Limiters of a pose, with a compiled answer. Raises NativePartError if nothing was
+    compiled."""
 
     def __init__(
         self,
@@ -516,7 +516,8 @@ class AnsweringPose:
         says_speed: bool,
         delay_s: float = 0.0,
     ) -> None:
-        """Arguments of PointLimiter and OrientationLimiter; the rest as for AnsweringLimiter."""
+        """Take arguments of PointLimiter and OrientationLimiter; the rest is as for
+        AnsweringLimiter."""
         egm_library()
         shared, self._memory = allotted(CPoseAnswer)
         shared.largest_position = COORDINATE_M.highest
@@ -529,7 +530,7 @@ class AnsweringPose:
         self.turn: OrientationLimiter = _SharedTurn(shared.turn, *turn)
 
     def compiled_reply(self, cycle: CompiledCycle) -> ReplyFunction:
-        """A function that answers commands in the session of `cycle`."""
+        """Return the compiled answer for the session of `cycle`."""
         return _called(
             "answer_pose",
             cycle.memory,

@@ -13,11 +13,11 @@ class EgmCounters:
     accepted: int = 0
     answers: int = 0
     final_commands: int = 0
-    """Last messages, to a controller or to a port that it had before; they answer nothing."""
+    """Final messages, to a controller or to its previous port; they are no answers."""
     superseded: int = 0
-    """Accepted, but a newer one was there before it could be answered."""
+    """Accepted, but replaced by a newer one before it could be answered."""
     lost: int = 0
-    """Missing in the controller's sequence."""
+    """Gaps in the controller's sequence numbers."""
     duplicates: int = 0
     old: int = 0
     foreign: int = 0
@@ -27,7 +27,7 @@ class EgmCounters:
     late_commands: int = 0
     """Pauses between answers above the command timeout."""
     driver_holds: int = 0
-    """Datagrams that got no command from the application; the driver answered with a hold."""
+    """Datagrams answered with a hold because the application gave no command."""
     send_errors: int = 0
     ended_by_convergence: int = 0
     """Runs that ended while the robot stood in its convergence window."""

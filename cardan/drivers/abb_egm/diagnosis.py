@@ -1,4 +1,4 @@
-"""Messages about what goes wrong with EGM in practice."""
+"""Diagnosis of common EGM problems."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from cardan.protocols.egm.messages import EgmRobot
 from cardan.types import RobotState
 
 _REPORTED_WAITING_S = 0.5
-"""A shorter wait for the first datagram is not reported."""
+"""Shortest wait for the first datagram that is reported."""
 _REPORTED_LOSS = 0.001
-"""Share of datagrams lost below which the loss is not reported."""
+"""Smallest share of lost datagrams that is reported."""
 
 OLDEST = "before 6.07.01"
 
 
 def robotware(message: EgmRobot) -> str:
-    """The oldest RobotWare whose messages have all the fields of `message`."""
+    """Return the oldest RobotWare version whose messages have all the fields of `message`."""
     feedback = message.feed_back
     force = message.measured_force
     if message.torque_ref is not None or (feedback and feedback.time_stamp_ns is not None):
@@ -79,7 +79,7 @@ class Diagnosed(Protocol):
 
 def diagnose(session: Diagnosed, now_s: float) -> tuple[str, ...]:
     """Return all findings about `session`, worst first."""
-    # Until a controller has come, this may still be changed; after that it is no news.
+    # Before a controller is heard, the user can still change this; afterwards it is no news.
     caution = session.options.caution
     words = [caution] if caution and session.state is None else []
     words += _silence(session, now_s)

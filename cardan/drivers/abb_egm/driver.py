@@ -31,13 +31,13 @@ from cardan.protocols.egm.messages import (
 from cardan.types import NEVER_S, RobotCommand, RobotState
 
 _RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
-"""A byte more than the longest datagram, so that an oversized one is recognized."""
+"""One byte more than the longest datagram, so that an oversized one is recognized."""
 
 _DRAIN_MAX = 256
 """Most datagrams read in one wake-up: more than the kernel's buffer holds."""
 
 _BACKLOG_STALE = 25
-"""Waiting datagrams (0.1 s of them) from which the kernel may have dropped newer ones."""
+"""Waiting datagrams (0.1 s of them) from which on the kernel may have dropped newer ones."""
 
 _monotonic = time.monotonic
 
@@ -68,7 +68,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
     title = "the EGM driver"
     brakes_within_s = BRAKE_WITHIN_S
     no_final_command_after_s = math.inf
-    """The session knows when the controller's run is over."""
+    """The session detects the end of the controller's run."""
 
     def __init__(self, options: AbbEgmOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -78,7 +78,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         self._sendto: Callable[[bytes, Address], object]
         self._poll = select.poll()
         self._drained_s = NEVER_S
-        """Last time that the socket was seen empty; datagrams read now arrived after it."""
+        """Last time that the socket was empty; datagrams read now arrived after it."""
         self._woken_s = NEVER_S
         """Last time that a datagram came, or a wait for one timed out."""
         self._patience_ms = 0.0
@@ -89,27 +89,25 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
 
     @property
     def endpoint(self) -> tuple[str, int]:
-        """The address and port listened on; NotOpenError while closed."""
+        """Local address and port. Raises NotOpenError while closed."""
         address: tuple[str, int] = self._open_socket().getsockname()
         return address
 
     @property
     def message(self) -> EgmRobot | None:
-        """The newest message in full, with the fields that RobotState does not have."""
+        """Newest message in full, with fields that RobotState lacks."""
         return self._session.message
 
     @property
     def rapid_data(self) -> EgmRapidData | None:
-        """The newest data of the RAPID program (RobotWare 7.7 and later)."""
+        """Newest data of the RAPID program (RobotWare 7.7 and later)."""
         message = self._session.message
         return None if message is None else message.rapid_from_robot
 
     @property
     def force_control_active(self) -> bool | None:
-        """Whether the measured wrench is force control's; None where it is not said.
-
-        False means that it is the sensor's raw reading.
-        """
+        """True if the measured wrench is force control's, False if it is the sensor's raw reading,
+        None if the controller does not report which."""
         message = self._session.message
         if message is None or message.measured_force is None:
             return None
@@ -121,7 +119,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         options = self.options
         controller = None if options.controller_host is None else resolve(options.controller_host)
         sock = bind_udp(options.listen_host, options.listen_port)
-        # A timeout of the socket itself costs one system call less than settimeout().
+        # A timeout of the socket itself saves one system call of settimeout().
         sock.setsockopt(
             socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, int(self._wake_s * 1e6))
         )
@@ -166,7 +164,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
             self._failed(error)
             return None
         self._woken_s = now_s = _monotonic()
-        # A datagram that waited for less than a period has no newer one behind it.
+        # If a datagram waited for less than a period, no newer one is behind it.
         more = now_s - self._drained_s > self._period_s and self._poll.poll(0)
         state = self._take(came, now_s)
         if more:
@@ -184,7 +182,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
             raise DriverError(f"the EGM socket failed: {error}") from error
 
     def _wait(self) -> RobotState | None:
-        """Wait where the socket does not do so for long enough; the state of a silence."""
+        """Wait if the socket's own timeout was too short; return the state of a silence."""
         left_s = self._woken_s + self._wake_s - _monotonic()
         if left_s > 0.0 and self._poll.poll(1e3 * left_s):
             return None
@@ -192,10 +190,10 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         return self._session.tick(now_s)
 
     def send(self, command: RobotCommand) -> None:
-        """Answer the datagram last yielded; a second call for it has no effect.
+        """Answer the last yielded datagram, once.
 
-        A command later than the option `command_timeout_s` is not sent: the robot is braked, and
-        the call returns when it rests.
+        A command later than the option `command_timeout_s` is not sent: the robot brakes, and the
+        call returns when it rests.
         """
         session = self._session
         sock = self._socket
@@ -220,7 +218,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         self._transmit(session.reply(command, now_s))
 
     def _owed(self) -> bool:
-        """Whether a datagram waits for its answer; one of a run that is over gets none."""
+        """True if a datagram waits for its answer; a run that is over gets none."""
         session = self._session
         if session.reply_pending and session.is_over(_monotonic()):
             session.skip()
@@ -248,7 +246,8 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         return True
 
     def _take(self, came: tuple[bytes, Address], now_s: float) -> RobotState | None:
-        """Return the session's state for a datagram; notify the previous port of the controller."""
+        """Return the session's state for a datagram, and notify a previous port of the
+        controller."""
         data, source = came
         if (callback := self.raw_packet_callback) is not None:
             callback(data, False, "")
@@ -267,7 +266,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
                 return
             try:
                 yield sock.recvfrom(_RECEIVE_BYTES, socket.MSG_DONTWAIT)
-            except BlockingIOError:  # what was there had a bad checksum
+            except BlockingIOError:  # a datagram with a bad checksum was discarded
                 return
             except OSError as error:
                 self._failed(error)
@@ -285,7 +284,7 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
             self._transmit(self._session.hold(_monotonic()))
 
     def _brake(self) -> None:
-        # A silence that was seen already is not waited for: the last message must not be late.
+        # A silence that was noticed already needs no wait: the final message must not be late.
         self._patience_ms = 0.0 if self._session.silent else 1e3 * self.options.lost_after_s
         self._drain()
         self._answer_with_hold()
@@ -300,9 +299,10 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
     # -- the rest -------------------------------------------------------------------------------
 
     def stream(self) -> EgmStream:
-        """Let a thread answer every datagram at once, for applications slower than the robot.
+        """Start a thread that answers every datagram at once, for applications slower than the
+        robot.
 
-        To be used in `with`, instead of cycles() and send(), on an open driver.
+        Use it in `with` on an open driver, instead of cycles() and send().
         """
         self._open_socket()
         return EgmStream(self)
@@ -318,7 +318,6 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         return (caution,) if caution else ()
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """The UDP port, to which the controller sends first."""
         own = self.options
         return (
             Endpoint(

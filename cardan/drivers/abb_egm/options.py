@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from cardan.robots import ArmModel
 
 CONTROLLER_PERIOD_S = 0.004032
-"""A real controller's cycle; RAPID's \\SampleRate calls it 4 ms (a virtual one takes 4.000 ms)."""
+"""Cycle of a real controller; RAPID's \\SampleRate calls it 4 ms (a virtual one has 4.000 ms)."""
 
 SILENT_PERIODS = 3
-"""Missed datagrams after which the link is LOST; fewer are a hiccup of the network."""
+"""Missed datagrams after which the link is LOST; fewer are network jitter."""
 
 SAMPLE_RATE_MS = Range(
     4, 160, "ms", "three periods that are missed may take half a second, no longer"
@@ -35,7 +35,7 @@ EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 
 @dataclass(frozen=True)
 class AbbEgmOptions(Options):
-    """Options of :class:`AbbEgm`. Lengths in m, angles as the controller's own terms: degrees."""
+    """Options of :class:`AbbEgm`. Lengths are in m, angles in degrees as in RAPID."""
 
     listen_host: Annotated[str, bounds.LISTEN_HOST_OR_IPV4] = "127.0.0.1"
     """This computer's address on the robot's network; 0.0.0.0: all of them. The default receives
@@ -43,7 +43,7 @@ class AbbEgmOptions(Options):
     listen_port: Annotated[int, bounds.ANY_PORT] = 6510
     """UDP port; the controller's UdpUc device names it as Remote Port Number. 0: any free one."""
     controller_host: Annotated[str, bounds.HOST_OR_IPV4] | None = None
-    """The only address to accept. None: the first that sends a valid datagram, then only that."""
+    """The only controller address to accept. None: the first that sends a valid datagram."""
     mode: Literal["pose", "joint", "path-correction"] = "pose"
     """Mode that the RAPID program runs: EGMRunPose, EGMRunJoint or EGMMoveL/EGMMoveC."""
     speed_reference: Literal["matched", "none", "only"] = "matched"
@@ -53,33 +53,33 @@ class AbbEgmOptions(Options):
     joints: Annotated[int, JOINTS] = 6
     """6, or 7 for an arm whose third axis travels as an external one (joint mode only)."""
     external_axes: Annotated[int, EXTERNAL_AXES] = 0
-    """How many external axes are guided along with the arm."""
+    """Number of external axes that are guided along with the arm."""
     linear_external_axes: tuple[Annotated[int, EXTERNAL_AXIS], ...] = ()
-    """Which external axes, counted from 0, are linear (mm on the wire) and not rotary."""
+    """Indices from 0 of the external axes that are linear (mm on the wire), not rotary."""
     force_frame: Literal["tool", "base"] = "tool"
-    """The frame that measured forces are given in; ABB's manual does not say."""
+    """Frame of the measured forces; ABB's manual does not define it."""
     robot: Annotated[str, bounds.ARM_FILE] | None = None
-    """A robot whose joint range and speed are known; None: only the limits below."""
+    """Robot model for joint ranges and speeds; None: only the limits below."""
     joint_lower_deg: tuple[Annotated[float, bounds.JOINT_ANGLE_DEG], ...] = ()
-    """Own lower ends of the joint range; empty: the robot's."""
+    """Lower ends of the joint range; empty: the robot's."""
     joint_upper_deg: tuple[Annotated[float, bounds.JOINT_ANGLE_DEG], ...] = ()
-    """Own upper ends of the joint range; empty: the robot's."""
+    """Upper ends of the joint range; empty: the robot's."""
     joint_speed_deg_s: Annotated[float, bounds.JOINT_SPEED_DEG_S] = 90.0
-    """Highest joint speed in joint mode; joints that are slower by `robot` stay so."""
+    """Highest joint speed in joint mode; slower joints of `robot` keep their limit."""
     joint_acceleration_deg_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_DEG_S2] = 720.0
     """Highest joint acceleration in joint mode, deg/s²."""
     external_axis_speed: Annotated[float, bounds.JOINT_SPEED_RAD_S] = 0.1
-    """rad/s or m/s."""
+    """Highest speed of external axes, rad/s or m/s."""
     external_axis_acceleration: Annotated[float, bounds.JOINT_ACCELERATION_RAD_S2] = 0.5
-    """rad/s² or m/s²."""
+    """Highest acceleration of external axes, rad/s² or m/s²."""
     linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
     """Highest speed of the TCP in pose mode and of the offset in path correction, m/s."""
     linear_acceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 2.0
-    """Highest acceleration along the way, m/s²."""
+    """Highest acceleration of the TCP, m/s²."""
     angular_speed_deg_s: Annotated[float, bounds.ANGULAR_SPEED_DEG_S] = 90.0
     """Highest speed of rotation of the TCP in pose mode, deg/s."""
     angular_acceleration_deg_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_DEG_S2] = 720.0
-    """Highest acceleration of rotation, deg/s²."""
+    """Lower corner of a box that the commanded TCP position stays in; empty: no box."""
     workspace_lower_m: tuple[Annotated[float, bounds.COORDINATE_M], ...] = ()
     """Lower corner of a box the commanded TCP position stays in; empty: no box."""
     workspace_upper_m: tuple[Annotated[float, bounds.COORDINATE_M], ...] = ()
@@ -87,14 +87,14 @@ class AbbEgmOptions(Options):
     path_offset_m: Annotated[float, bounds.PATH_OFFSET_M] = 0.02
     """Largest path correction along y and along z."""
     max_speed_deviation_deg_s: Annotated[float, bounds.JOINT_SPEED_DEG_S] | None = None
-    """\\MaxSpeedDeviation of the RAPID program where it is known, for the diagnosis."""
+    """\\MaxSpeedDeviation of the RAPID program if known, for the diagnosis."""
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Silence (at least three periods) after which the link is LOST."""
     command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
-    """Delay of a command (at least three periods) from which the robot is braked instead."""
+    """Delay of a command (at least three periods) from which on the robot brakes instead."""
     comm_timeout_s: Annotated[float, COMM_TIMEOUT_S] = 0.2
-    """\\CommTimeout of the RAPID program. A controller that is silent for longer has ended its run
-    and is sent nothing: the last message would be the first of its next run."""
+    """\\CommTimeout of the RAPID program. A controller silent for longer has ended its run and gets
+    no message, which its next run would take as the first."""
     digital_output: bool | None = None
     """RAPIDtoRobot.digVal at the start (RobotWare 7.7 and later); None: not sent."""
     output_values: tuple[Annotated[float, bounds.OUTPUT_VALUE], ...] = ()
@@ -172,7 +172,7 @@ class AbbEgmOptions(Options):
 
     @property
     def caution(self) -> str:
-        """Warning that another computer could pose as the controller; empty: none can."""
+        """Warning that another computer could pose as the controller; empty if none can."""
         if self.controller_host is not None or is_loopback(self.listen_host):
             return ""
         return (
@@ -189,17 +189,17 @@ class AbbEgmOptions(Options):
 
     @property
     def lost_after_s(self) -> float:
-        """The silence after which the controller counts as lost, s."""
+        """Silence after which the link is LOST, s."""
         return max(self.silence_s, SILENT_PERIODS * self.period_s)
 
     @property
     def late_after_s(self) -> float:
-        """The age from which a command is late, s."""
+        """Age from which on a command is late, s."""
         return max(self.command_timeout_s, SILENT_PERIODS * self.period_s)
 
     @property
     def joint_limits(self) -> JointLimits | None:
-        """Limits of joint mode; None where no joint range is known."""
+        """Limits of joint mode; None if no joint range is known."""
         ends = self._range_deg()
         if ends is None:
             return None

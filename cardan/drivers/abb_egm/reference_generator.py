@@ -1,7 +1,7 @@
 """Commands to EGM messages: one reference generator per EGM mode.
 
-A reference generator owns the limited reference that is sent. It is set to what the robot measures
-while commands do not act, and from there moves only through its limiters.
+A reference generator owns the limited reference that is sent. While commands do not act, the
+reference equals the measured position; from there it moves only through its limiters.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ from cardan.types import (
 )
 
 LONGEST_STEP_PERIODS = 4
-"""Longest step of the reference, in nominal periods."""
+"""Longest period of one reference step, in nominal periods."""
 
 _DELAY_S = 0.02
-"""Lag of measurements: from writing a reference to its effect on the robot (EGM manual)."""
+"""Lag from sending a reference to its effect on the robot (EGM manual)."""
 
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor, for objects made in every cycle."""
@@ -83,7 +83,7 @@ References = tuple[RobotState, RobotState, RobotState]
 
 
 class ReferenceGenerator(ABC):
-    """Reference generator with which a session answers datagrams in one mode."""
+    """Generator of a session's answers in one mode."""
 
     kinds: frozenset[CommandKind]
     """Kinds of commands that this mode takes."""
@@ -94,45 +94,45 @@ class ReferenceGenerator(ABC):
 
     @abstractmethod
     def reset(self, state: RobotState) -> None:
-        """Make the reference what `state` measures, at rest."""
+        """Set the reference to the measurement in `state`, at rest."""
 
     @abstractmethod
     def coast(self, gap_s: float) -> None:
-        """Advance the reference by `gap_s` in which the controller continued at its last speed."""
+        """Advance the reference by `gap_s`, in which the controller continued at its last speed."""
 
     @abstractmethod
     def resync(self, references: References, dt_s: float, gap_s: float) -> None:
-        """Move the reference along with the controller's own reference, and take over its speed.
+        """Move the reference with the controller's own reference, and take over its speed.
 
-        `references`: that one now, `dt_s` earlier, and at the last answer, which
-        is `gap_s` later than due.
+        `references` are the controller's: now, `dt_s` earlier, and at the last answer, which is
+        `gap_s` late.
         """
 
     @abstractmethod
     def near(self, state: RobotState) -> bool:
-        """Whether a robot at `state` can be following the reference."""
+        """True if a robot at `state` can be following the reference."""
 
     @abstractmethod
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
-        """Move the reference by one control period as `command` says.
+        """Move the reference by one control period by `command`.
 
-        A hold brakes. None (no command came) brakes too; the next command continues from there.
+        A hold brakes, and so does None (no command came); the next command continues from there.
         """
 
     @abstractmethod
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
-        """The message for the present reference; `still` sends a speed of zero."""
+        """Message with the present reference; `still` sends a speed of zero."""
 
     answer: ReplyFunction
-    """`check`, `step` and `encode` of a command in one, where that is possible and nothing is
+    """`check`, `step` and `encode` of a command in one compiled call, if available and nothing is
     unusual."""
 
     asked: RobotCommand | None = None
-    """The command before; None where nothing is to be continued from it."""
+    """Previous command; None if the next one does not continue from it."""
 
     @property
     def steady(self) -> bool:
-        """Whether `answer` is possible, and there is nothing to be made up for."""
+        """True if `answer` is available and no difference has to be made up for."""
         return False
 
     @property
@@ -142,13 +142,13 @@ class ReferenceGenerator(ABC):
 
     @abstractmethod
     def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
-        """The reference and the controller's own one, `heading`; None without a reference."""
+        """The reference and the controller's own, `heading`; None without a reference."""
 
 
 def reference_generator_for(
     options: AbbEgmOptions, cycle: CompiledCycle | None = None
 ) -> ReferenceGenerator:
-    """The reference generator of the mode in `options`, which can answer in a `cycle`."""
+    """Make the reference generator of the mode in `options`; `cycle` allows it compiled answers."""
     if options.mode == "joint":
         return JointReferenceGenerator(options, cycle)
     if options.mode == "pose":
@@ -197,14 +197,14 @@ class _Externals:
 
 
 def wire_factors(options: AbbEgmOptions) -> tuple[float, ...]:
-    """Per external axis: wire units (degrees or mm) per rad or m."""
+    """Wire units (degrees or mm) per rad or m, by external axis."""
     return tuple(
         1000.0 if axis in options.linear_external_axes else math.degrees(1.0) for axis in range(6)
     )
 
 
 def _said(options: AbbEgmOptions) -> tuple[bool, float]:
-    """Whether answers have the speed, and in speed control the delay that it is extrapolated by."""
+    """Fields of answers: whether they have the speed, and in speed control its delay."""
     only = options.speed_reference == "only"
     return options.speed_reference != "none", _DELAY_S if only else 0.0
 
@@ -216,7 +216,7 @@ def _speeds(now: Sequence[float], before: Sequence[float], dt_s: float) -> tuple
 
 
 _FOLLOWS_S, _FOLLOWS = 0.1, 0.01
-"""Largest lag of an arm that follows its reference: in time, and in rad or m in addition."""
+"""Largest lag of an arm that follows its reference: a time, plus a distance in rad or m."""
 
 
 def _follows(
@@ -229,7 +229,7 @@ def _follows(
 
 
 class _Followed(SlipCompensation):
-    """A part of the reference: its limiter, and its correction for lost time."""
+    """One part of the reference: its limiter, and its compensation of missed cycles."""
 
     __slots__ = ("limiter",)
 
@@ -238,17 +238,17 @@ class _Followed(SlipCompensation):
         self.limiter = limiter
 
     def coast(self, gap_s: float) -> None:
-        """As in `ReferenceGenerator`."""
+        """Advance by a gap; see `ReferenceGenerator`."""
         self.limiter.coast(gap_s)
         self.passed(gap_s)
 
     def resync(
         self, heading: Any, before: Any, answered: Any, dt_s: float, gap_s: float, period_s: float
     ) -> None:
-        """As in `ReferenceGenerator`, for positions instead of states.
+        """Resynchronize; see `ReferenceGenerator`, with positions instead of states.
 
-        The reference is as far ahead of the controller as it was at its last answer, a period
-        before this one: controllers act on what they are sent some periods later.
+        The reference keeps the lead over the controller that it had at the last answer, because
+        controllers execute commands some periods later.
         """
         commanded = speeds = tuple(self.limiter.velocity)
         if dt_s > 0.0:
@@ -258,7 +258,7 @@ class _Followed(SlipCompensation):
             for way, v in zip(self._displacement(answered, heading), speeds, strict=True)
         ]
         self.limiter.reset(self._advanced(self.limiter.reference, went), speeds)
-        # Differences from the position and speed that its commanded speeds would have given.
+        # Differences from the position and speed that the commanded speeds would have given.
         self.passed(
             gap_s,
             [way - v * gap_s for way, v in zip(went, commanded, strict=True)],
@@ -334,7 +334,7 @@ class _PositionGenerator(ReferenceGenerator, Generic[_TargetT, _SpeedT]):
 
     @abstractmethod
     def _relocate(self, state: RobotState) -> None:
-        """Take the reference to where it has an effect at once (speed control)."""
+        """Move the reference to a position that has an effect at once (speed control)."""
 
     @abstractmethod
     def _track(self, command: _TargetT, asked: _TargetT | None, dt_s: float, seen_s: float) -> None:
@@ -489,7 +489,7 @@ class JointReferenceGenerator(_PositionGenerator[JointCommand, JointVelocityComm
     def _split(
         self, joints: Sequence[float], externals: Sequence[float]
     ) -> tuple[tuple[float, ...], tuple[float, ...] | None]:
-        """Joints and external axes as the protocol groups them: a seventh joint is external."""
+        """Group joints and external axes as in the protocol: a seventh joint is external."""
         outside = self._externals.on_wire(externals)
         if self._count == 7:
             outside = (math.degrees(joints[2]), *outside)
@@ -666,7 +666,7 @@ class PathCorrectionGenerator(ReferenceGenerator):
         self._age_ms = 0
 
     def coast(self, gap_s: float) -> None:
-        pass  # A controller goes to the last offset, and no further.
+        pass  # A controller goes to the last offset and stops there.
 
     def resync(self, references: References, dt_s: float, gap_s: float) -> None:
         self._offset.reset(self._offset.reference)

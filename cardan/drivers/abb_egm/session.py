@@ -55,17 +55,17 @@ Address = tuple[str, int]
 
 
 class Measured(NamedTuple):
-    """Contents of a datagram."""
+    """Decoded contents of a datagram."""
 
     feedback: EgmFeedback
     joints: tuple[float, ...]
-    """In kinematic order; likewise in SI:"""
+    """Joint positions in kinematic order; the next fields are likewise in SI units."""
     external: tuple[float, ...]
     pose: Pose | None
 
 
 Heard = tuple[RobotState | None, bytes, float]
-"""A state, its datagram, and how much earlier or later than by its clock that came, s."""
+"""State, its datagram, and the deviation of its arrival from its clock, s."""
 
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor, for objects made in every cycle."""
@@ -74,32 +74,32 @@ _BASE = Frame.BASE
 
 _MASK = 0xFFFFFFFF
 _HALF = 0x80000000
-"""Sequence numbers and the ms clock count modulo 2^32; differences are taken with a sign."""
+"""Modulus of sequence numbers and of the ms clock; differences are signed."""
 
 _ROUNDING = 1e-9
-"""Deviation of a quaternion's squared length from 1 that needs no normalization."""
+"""Largest deviation of a quaternion's squared length from 1 that needs no normalization."""
 
 _REORDERED_MAX = 16
-"""Largest step back in the sequence (64 ms) of a late datagram that has no clock to tell."""
+"""Largest step back in the sequence (64 ms) of a late datagram without a clock."""
 _LATE_MAX = 250
 """A larger step back (1 s) is a restart, whatever the datagram's clock says."""
 
 NEW_PORT_SILENCE_S = 0.1
-"""Shortest silence of the controller after which another port of its address may be its own: a
-program on its computer must not take the robot over in a hiccup of the network."""
+"""Shortest silence of the controller after which another port of its address may be its new one: no
+other program there may take over the robot during network jitter."""
 _EARLY_DATAGRAMS = 4
-"""Datagrams that a new port may have sent beyond what the silence allows: the controller's clock
-and the network are not exact."""
+"""Tolerance of the datagram count of a new port against the time of the silence: clocks and network
+are not exact."""
 
 _JUMP, _JUMP_PER_S = math.tau, 30.0
-"""Farthest that an arm goes between two datagrams, rad or m, and by the second: a whole turn, and
-what all joints together may do. Smaller jumps are left to code that knows the arm."""
+"""Farthest motion of an arm between two datagrams, rad or m, and per second: a whole turn, and the
+sum of all joints. Code that knows the arm checks for smaller jumps."""
 
 _GAP_PERIODS = 1.5
-"""Time since the last answer from which at least one period had none."""
+"""Time since the last answer from which on at least one period was missed."""
 
 _COAST_PERIODS = 4
-"""In a longer gap the controller slows down by itself, so its own reference must be read."""
+"""Gap after which the controller slows down by itself, so its own reference is used."""
 
 
 class EgmSession(AnsweringSession):
@@ -112,40 +112,39 @@ class EgmSession(AnsweringSession):
     def __init__(
         self, options: AbbEgmOptions, now_s: float, controller_ip: str | None = None
     ) -> None:
-        """`controller_ip` pins the controller's address; None learns it from what comes first."""
+        """Pin the controller's address to `controller_ip`; None: learn it from the first valid
+        datagram."""
         super().__init__(options.lost_after_s)
         self.options = options
         self.opened_s = now_s
         self.counters = EgmCounters()
         self.peer: Address | None = None
-        """Address from which the controller sends, and to which answers go."""
+        """Controller's address, to which answers go."""
         self.last_cause = ""
-        """Reason why the present session counts as a new one."""
+        """Reason why the present session is a new one."""
         self.last_malformed = ""
         self.last_foreign = ""
         self.last_foreign_counts_on = False
-        """Whether that was another port of the controller's address whose sequence began before
-        the controller fell silent."""
+        """True if `last_foreign` is another port of the controller's address, whose sequence began
+        before the controller fell silent."""
         self.handover: tuple[bytes, Address] | None = None
-        """Final message to the controller's previous port, and that port; the shell sends it once
-        and sets None."""
+        """Final message to the controller's previous port, and that port; sent once, then None."""
         self.last_send_error = ""
         self.jitter = LatencyHistogram()
-        """Deviation of the time between two receptions from the controller's own period."""
+        """Deviation of the time between two receptions from the controller's period."""
         self.reply_latency = LatencyHistogram()
         """Time from the reception of a datagram to sending its answer."""
         self.slow_motion = SpeedCapDetector()
         self.clock = ClockWatch()
-        """Watch of the ms clock in the headers; the wall clock may be set at any time."""
+        """Check of the ms clock in the headers; the wall clock may be set at any time."""
         self._tm_ms, self._tm_s = UNKNOWN, 0.0
-        """That clock when it was looked at last, and time since the first look."""
+        """The ms clock at the last check, and the time since the first."""
         self.port = options.listen_port
-        """The UDP port in use, where the options leave the choice (0: any)."""
+        """Actual UDP port, if the options leave the choice (0: any)."""
         self._foreign: Address | None = None
-        """Senders that were refused since a datagram was accepted last."""
+        """Sender refused since the last accepted datagram."""
         self._rivals: set[Address] = set()
-        """Ports of the controller's address that were heard beside its own: other programs, however
-        slowly they count."""
+        """Ports of the controller's address heard besides its own: other programs, at any rate."""
         self._ip = controller_ip
         self._nominal_s = options.period_s
         self._late_after_s = options.late_after_s
@@ -167,7 +166,7 @@ class EgmSession(AnsweringSession):
                 self._take = self._reader.compiled_receive(cycle, self._force_frame)
         self._generator = reference_generator_for(options, cycle)
         self.capabilities = self._capabilities()
-        """Commands that `reply` takes in the mode of the options."""
+        """Command kinds that `reply` takes in the mode of the options."""
         self._suffix = b""
         self._outputs = EgmRapidData(None, ())
         if options.digital_output is not None or options.output_values:
@@ -178,18 +177,18 @@ class EgmSession(AnsweringSession):
         self._session_s = NEVER_S
         self._session_first = 0
         self._newest: Heard = (None, b"", 0.0)
-        """`state`. Likewise of the one before, and of what was answered last:"""
+        """Newest state; the next are the one before, and the last answered."""
         self._before: Heard = self._newest
         self._answered: Heard = self._newest
         self._past: Heard | None = None
-        """State before `_before`, kept so that its parts are freed after the answer is sent."""
+        """State before `_before`; keeping it defers its deallocation until the answer is sent."""
         self._full: tuple[bytes, EgmRobot | None] = (b"", None)
-        """A datagram and all that was in it."""
+        """Newest datagram and its contents."""
         self._held = False
-        """Whether the last answer braked a robot that reports that commands do not act."""
+        """True if the last answer braked a robot that reports that commands do not act."""
         self._hold_reason = EGM_UNDEFINED
         self._orientation: Quaternion | None = None
-        """The last one that was measured, unless `state` has a newer one."""
+        """Last measured orientation, unless `state` has a newer one."""
 
     # -- reception ------------------------------------------------------------------------------
 
@@ -215,10 +214,11 @@ class EgmSession(AnsweringSession):
         return cycle
 
     def receive(self, data: bytes, source: Address, now_s: float) -> RobotState | None:
-        """Take one datagram; the robot's state if it is to be answered, None if it is refused."""
+        """Process a datagram. Return the robot's state if it is to be answered, None if it is
+        refused."""
         peer = self.peer
         if source == peer and not (self.reply_pending or self._flood or self.clock.fault):
-            # As nearly all come: the next one of a controller that obeys.
+            # The usual case: the next datagram of a controller that executes commands.
             found = self._take(data, now_s, self.state)
             if found is not None:
                 self._past = self._before
@@ -241,15 +241,14 @@ class EgmSession(AnsweringSession):
         return self._publish(measured, data, 0 if cause else step, now_s)
 
     def _admit(self, source: Address, now_s: float) -> bool:
-        """Whether a datagram from `source` may be looked at; one that may not is counted."""
+        """True if a datagram from `source` may be processed; count it otherwise."""
         if source == self.peer or self._admissible(source, now_s):
             return True
         self._refuse_foreign(source, counts_on=source in self._rivals)
         return False
 
     def _decode(self, data: bytes, source: Address, now_s: float) -> Measured | None:
-        """Return the contents of a datagram that is complete and plausible for a robot; count any
-        other."""
+        """Return the contents of a complete and plausible datagram; count any other."""
         feedback = self._reader.read(data)
         if isinstance(feedback, MalformedEgmMessage):
             self._refuse(feedback)
@@ -290,9 +289,8 @@ class EgmSession(AnsweringSession):
         return Measured(feedback, joints, external, pose)
 
     def _sequence(self, measured: Measured, source: Address, now_s: float) -> tuple[int, str]:
-        """How many datagrams after the newest one this is, and why it begins a new session, where
-        it does; 0 for one that is late, double, or cannot come from where the robot was, which is
-        counted."""
+        """Return the step in the sequence since the newest datagram, and the reason if it begins a
+        new session. The step is 0 for a late, double or implausible datagram, which is counted."""
         feedback, peer = measured.feedback, self.peer
         seqno, before, step = feedback.seqno, self._seqno, 1
         if peer is None:
@@ -321,8 +319,7 @@ class EgmSession(AnsweringSession):
         return step, ""
 
     def _publish(self, measured: Measured, data: bytes, step: int, now_s: float) -> RobotState:
-        """The state of a datagram, `step` after the newest in the same session; 0: the first of
-        one."""
+        """Make the state of a datagram `step` after the newest; 0: the first of a session."""
         cycle_state, (feedback, joints, external, pose) = self._cycle_state, measured
         tm_ms, time_us, force, rate = (
             feedback.tm_ms,
@@ -345,7 +342,7 @@ class EgmSession(AnsweringSession):
         cycle_state.last_step_s = period_s
         cycle_state.since_reply_s += period_s
         if superseded is not None:
-            period_s += superseded.period_s  # that one gets no answer: its time counts here
+            period_s += superseded.period_s  # that one stays unanswered: its time counts here
         self.counters.accepted += 1
         if self._flood:
             self._note_accepted()
@@ -383,7 +380,7 @@ class EgmSession(AnsweringSession):
         return state
 
     def _note_accepted(self) -> None:
-        """Count an accepted datagram against the refused ones; report or end a flood."""
+        """Offset an accepted datagram against the refused ones; report or end a flood."""
         peer, foreign = self.peer, self._foreign
         if foreign is not None:
             self._foreign = None
@@ -398,9 +395,9 @@ class EgmSession(AnsweringSession):
             self._alarm = ""
 
     def tick(self, now_s: float) -> RobotState | None:
-        """The state of a controller that is silent: WAITING or LOST; None while it is not.
+        """Return the state of a silent controller: WAITING or LOST; None while it is not silent.
 
-        To be called when nothing came for a while, whether or not anything came before.
+        Call it when nothing was received for a while, even from the start.
         """
         if self.state is None:
             reason = f"no datagram in {now_s - self.opened_s:.1f} s"
@@ -420,12 +417,12 @@ class EgmSession(AnsweringSession):
         )
 
     def skip(self) -> None:
-        """Leave the accepted datagram without an answer: it waited too long to be worth one."""
+        """Leave the accepted datagram unanswered, because it is too old."""
         self.reply_pending = False
         self.counters.superseded += 1
 
     def _admissible(self, source: Address, now_s: float) -> bool:
-        """Whether a datagram from another source than the peer may be looked at."""
+        """True if a datagram from another source than the peer may be processed."""
         if self.peer is None:
             return self._ip is None or source[0] == self._ip
         # The controller's port may change, but not while the old one is still heard, and only
@@ -439,7 +436,7 @@ class EgmSession(AnsweringSession):
         )
 
     def _began_in_silence(self, seqno: int, now_s: float) -> bool:
-        """Whether a sequence that has come to `seqno` began after the controller fell silent."""
+        """True if the sequence that has come to `seqno` began after the controller fell silent."""
         return seqno <= (now_s - self._last_s) / self._nominal_s + _EARLY_DATAGRAMS
 
     def _refuse_foreign(self, source: Address, counts_on: bool = False) -> None:
@@ -450,9 +447,9 @@ class EgmSession(AnsweringSession):
         self.last_foreign_counts_on = counts_on
 
     def _jump(self, joints: tuple[float, ...], position: Vector3 | None, now_s: float) -> str:
-        """Explain a position jump since the last measurement; empty: the step is possible.
+        """Explain a position jump since the last measurement; empty if the step is possible.
 
-        It is lost when it stays there, and a new session begins where it then is.
+        If the robot stays there, the link is lost, and a new session begins there.
         """
         before = self.state
         if before is None:
@@ -473,7 +470,7 @@ class EgmSession(AnsweringSession):
         self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
 
     def _missing_field(self, feedback: EgmFeedback) -> str:
-        """The field that an incomplete message lacks; empty when it is complete."""
+        """Name of the missing field of an incomplete message; empty if it is complete."""
         external = len(feedback.external_joints)
         if external < self._needs_external:
             return (
@@ -497,25 +494,25 @@ class EgmSession(AnsweringSession):
         return steps
 
     def _was_queued(self, feedback: EgmFeedback) -> bool:
-        """Whether `feedback` waited here unread, and the controller was not silent."""
+        """True if `feedback` waited here unread while the controller was not silent."""
         return any(0.0 < step < 1e3 * self._lost_after_s for step in self._clock_steps_ms(feedback))
 
     def _restarted(self, feedback: EgmFeedback, step: int) -> bool:
-        """Whether a sequence number that did not rise means a new start, not a late datagram."""
+        """True if a sequence number that did not rise means a restart, not a late datagram."""
         clocks = [ms for ms in self._clock_steps_ms(feedback) if ms]
         if clocks:
             return max(clocks) > 0.0 or step < -_LATE_MAX
         return step < -_REORDERED_MAX
 
     def _period(self, time_us: int | None, step: int, waited_s: float) -> float:
-        """Time since the message before, which came `waited_s` earlier, by the controller's clock
+        """Time since the previous message, received `waited_s` earlier: by the controller's clock
         as far as it is plausible, and by ours, s."""
         cycle_state = self._cycle_state
         reported_s = nominal_s = self._nominal_s * step
         before_us = cycle_state.time_us
         if time_us is not None and before_us != UNKNOWN:
             measured_s = (time_us - before_us) * 1e-6
-            # Outside of this its clock was set.
+            # Outside of this range the clock was set.
             if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
                 reported_s = measured_s
         found_s, cycle_state.credit_s = believed_s(
@@ -564,9 +561,9 @@ class EgmSession(AnsweringSession):
         self._hold_reason = hold_reason(motors, mci, rapid)
 
     def _heading(self, message: EgmRobot | None, state: RobotState | None) -> RobotState | None:
-        """`state` with the controller's own reference in place of the measured values.
+        """Return `state` with the controller's own reference in place of the measurements.
 
-        None where its message does not have all of it.
+        None if its message lacks a part of it.
         """
         planned = message and message.planned
         if not planned or state is None:
@@ -588,7 +585,7 @@ class EgmSession(AnsweringSession):
         return None if implausible(heading) else heading
 
     def _follow_controller(self, state: RobotState, gap_s: float) -> None:
-        """Update the reference for what the controller did by itself in `gap_s`."""
+        """Update the reference for the controller's own motion in `gap_s`."""
         if gap_s < _COAST_PERIODS * self._nominal_s:
             self._generator.coast(gap_s)
             return
@@ -607,7 +604,7 @@ class EgmSession(AnsweringSession):
         heading, heading_before, then = known
         if heading is None or heading_before is None or then is None:
             heading, heading_before, then = state, before, answered or before
-        # The agreed time may be less than passed at the robot, whose speed would seem higher.
+        # The agreed time may be shorter than the robot's, whose speed would then seem higher.
         states = (state.sequence - before.sequence) & 0xFFFFFFFF
         step_s = max(self._cycle_state.last_step_s, states * self._nominal_s)
         self._generator.resync((heading, heading_before, then), step_s, gap_s)
@@ -615,7 +612,7 @@ class EgmSession(AnsweringSession):
     def _ordered(
         self, joints: tuple[float, ...], outside: tuple[float, ...]
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Joints in kinematic order and the true external axes, SI."""
+        """Reorder joints to kinematic order and true external axes, in SI units."""
         if self._joints == 7 and joints:
             joints = (*joints[:2], math.radians(outside[0]), *joints[2:])
             outside = outside[1:]
@@ -648,15 +645,15 @@ class EgmSession(AnsweringSession):
         check_command("EGM", command, self._generator.check)
 
     def reply(self, command: RobotCommand, now_s: float) -> bytes:
-        """The one answer to the datagram accepted last.
+        """Return the answer to the last accepted datagram, once.
 
-        Raises CommandError for a command that cannot be sent in this mode; the answer is then
-        still owed. While commands do not act, the answer is the measured position.
+        While commands do not act, it is the measured position. Raises CommandError for a command
+        that cannot be sent in this mode; the datagram is then still to be answered.
         """
         state = self.state
         if self.reply_pending and state is not None:
             generator = self._generator
-            # As every cycle goes but for the first and for what is wrong.
+            # The usual case of every cycle after the first.
             answer = generator.answer(command, now_s, state, self._suffix)
             if answer is not None:
                 generator.asked = command
@@ -678,7 +675,7 @@ class EgmSession(AnsweringSession):
         if dt_s > _GAP_PERIODS * nominal_s:
             gap_s, dt_s = dt_s - nominal_s, nominal_s
         if state.hold_reason:
-            # Should commands act nevertheless, the robot brakes and is not halted in one period.
+            # If commands act after all, the robot brakes and does not halt within one period.
             obeys = self._cycle_state.said_speed and not self._fresh and generator.near(state)
             if not obeys:
                 generator.reset(state)
@@ -694,7 +691,7 @@ class EgmSession(AnsweringSession):
                 self.counters.late_commands += 1
             if gap_s:
                 self._follow_controller(state, gap_s)
-            # Where no time has passed that both clocks know of, the answer is the one before.
+            # If no time has passed by both clocks, the answer is repeated.
             if dt_s > 0.0:
                 late = now_s - state.stamp_s > timeout_s
                 generator.step(None if late else command, state, dt_s)
@@ -703,12 +700,11 @@ class EgmSession(AnsweringSession):
         return self._encode(now_s)
 
     def hold(self, now_s: float) -> bytes:
-        """The answer when the application gave none: brake, or stay."""
         self.counters.driver_holds += 1
         return self._reply(None, now_s)
 
     def answered(self, now_s: float) -> None:
-        """Note that the answer was sent at `now_s`, and do what can wait until then."""
+        """Record that the answer was sent at `now_s`, and do deferred work."""
         state = self.state
         if state is None:
             return
@@ -727,15 +723,15 @@ class EgmSession(AnsweringSession):
             self.slow_motion.look(heading and self._generator.progress(heading), now_s)
 
     def send_failed(self, reason: str) -> None:
-        """Note that the answer could not be sent."""
+        """Record that the answer could not be sent."""
         self.counters.send_errors += 1
         self.last_send_error = reason
 
     def final_command(self, now_s: float) -> bytes | None:
-        """The message to leave the controller with: the last position, no speed.
+        """Return the final message to the controller: the last position with zero speed.
 
-        None where the last message said that already, no controller is known, or the controller's
-        run is over. It is no answer: neither counted as one nor timed.
+        None if the last message had that already, no controller is known, or its run is over. It is
+        neither counted nor timed as an answer.
         """
         if (
             not (self.reply_pending or self._cycle_state.said_speed)
@@ -751,13 +747,12 @@ class EgmSession(AnsweringSession):
         return self._encode(now_s, still=True)
 
     def is_over(self, now_s: float) -> bool:
-        """Whether the run of the newest datagram is over: none came for the controller's
-        CommTimeout. A message sent then would be the first of its next run."""
+        """True if the run of the newest datagram is over, because none came for the controller's
+        CommTimeout. A message sent now would be the first of its next run."""
         return now_s - self._last_s > self._comm_timeout_s
 
     @property
     def moving(self) -> bool:
-        """True while the last message told the controller to move."""
         return bool(self._cycle_state.said_speed)
 
     def _encode(self, now_s: float, still: bool = False) -> bytes:
@@ -768,7 +763,7 @@ class EgmSession(AnsweringSession):
         return data
 
     def _stamp_ms(self, now_s: float) -> int:
-        """The time of a message: the controller's own, or ours where it sends none."""
+        """Time stamp of a message: the controller's own, or ours if it sends none."""
         tm_ms = self._cycle_state.tm_ms
         return int(now_s * 1e3) & _MASK if tm_ms == UNKNOWN else tm_ms
 
@@ -783,7 +778,7 @@ class EgmSession(AnsweringSession):
         self.reply_pending = False
 
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
-        """Set RAPIDtoRobot of every message from now on; None and () leave what was set.
+        """Set RAPIDtoRobot of all further messages; None and () leave the previous values.
 
         Raises CommandError for values EGM cannot carry.
         """
@@ -805,9 +800,8 @@ class EgmSession(AnsweringSession):
 
     @property
     def message(self) -> EgmRobot | None:
-        """All of the newest accepted message. None before the first, and where a part that no
-        answer depends on is malformed (which is noticed and counted here, by looking at it).
-        """
+        """Newest accepted message in full. None before the first, and if a part that no answer
+        depends on is malformed (which is counted here)."""
         data = self._newest[1]
         known, message = self._full
         if data and known is not data:
@@ -822,13 +816,13 @@ class EgmSession(AnsweringSession):
 
     @property
     def _last_s(self) -> float:
-        """Time at which the newest datagram was accepted."""
+        """Time at which the newest datagram was accepted, s."""
         state = self.state
         return NEVER_S if state is None else state.stamp_s
 
     @property
     def _seqno(self) -> int:
-        """Its sequence number."""
+        """Sequence number of the newest datagram."""
         state = self.state
         return 0 if state is None else state.sequence
 
@@ -840,12 +834,12 @@ class EgmSession(AnsweringSession):
 
     @property
     def hold_reason(self) -> str:
-        """Reason why the controller's states inhibit commands; empty when they act."""
+        """Reason why the controller's states inhibit commands; empty if they do not."""
         return self._hold_reason
 
     @property
     def silent(self) -> bool:
-        """True when the controller was heard and is lost."""
+        """True if the controller was heard and is lost now."""
         return self._silent
 
     def silence_s(self, now_s: float) -> float:
@@ -853,7 +847,6 @@ class EgmSession(AnsweringSession):
         return now_s - (self.opened_s if self.state is None else self._last_s)
 
     def metrics(self) -> dict[str, float]:
-        """Live figures: times in s, ratios in 0..1, counts."""
         counters = self.counters
         state = self.state
         intervals = counters.accepted - self._session_first - 1
@@ -883,20 +876,18 @@ class EgmSession(AnsweringSession):
         return figures
 
     def protocol_errors(self) -> dict[str, int]:
-        """Datagrams of the controller that could not be used, by kind."""
         counters = self.counters
         return {**counters.malformed, "order": counters.duplicates + counters.old}
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
         return diagnose(self, now_s)
 
 
 _CLOCK_MAX_US = 2**62
-"""Limit of a valid controller's clock, µs: 146 000 years."""
+"""Largest plausible time of a controller's clock, µs: 146 000 years."""
 
 _USUAL = COORDINATE_M.highest
-"""No number of a sum up to this is outside of its range."""
+"""Largest sum of magnitudes that proves every number to be within its range."""
 
 
 def _implausible(
@@ -905,7 +896,7 @@ def _implausible(
     position: Vector3 | None,
     orientation: Quaternion | None,
 ) -> str:
-    """Explain why values are implausible; empty: plausible."""
+    """Explain why values are implausible; empty if they are plausible."""
     return (
         outside("feedBack.joints", joints, JOINT_POSITION)
         or outside("feedBack.externalJoints", external, JOINT_POSITION)
@@ -915,7 +906,7 @@ def _implausible(
 
 
 def _pose(position: Vector3, orientation: Quaternion, previous: Quaternion | None) -> Pose | None:
-    """A pose with a unit quaternion on the side of `previous`; None where it is no rotation."""
+    """Make a pose whose quaternion is near that of `previous`; None if it is no rotation."""
     w, x, y, z = orientation
     squared = w * w + x * x + y * y + z * z
     if not -_ROUNDING < squared - 1.0 < _ROUNDING:

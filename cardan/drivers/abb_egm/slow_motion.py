@@ -1,4 +1,4 @@
-"""Detection of a controller that follows commands much slower than they ask."""
+"""Detection of a controller that follows commands much too slowly."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cardan.types import NEVER_S
 _LOOK_EVERY = 25
 """Answers between two comparisons: 0.1 s at 250 Hz."""
 _LOOKS_TO_REPORT = 5
-"""Comparisons in a row, 0.5 s: longer than the controller ramps in."""
+"""Consecutive comparisons, 0.5 s: longer than the controller's ramp at the start."""
 _NOTICEABLE = 0.003
-"""rad or m per comparison; slower commands are not judged."""
+"""Smallest commanded motion that is judged, rad or m per comparison."""
 _ERROR_SHARE = 0.15
-"""Share of a constant distance that a position gain of 1.5 per s covers between comparisons."""
+"""Share of a constant distance that a position gain of 1.5 1/s covers between comparisons."""
 _CLEARLY_LESS = 0.5
 
 
@@ -47,12 +47,12 @@ class SpeedCapDetector:
         return self._looks >= _LOOKS_TO_REPORT
 
     def due(self) -> bool:
-        """Whether it is time for `look`; to be called once per answer."""
+        """True if `look` is due; call it once per answer."""
         self._countdown -= 1
         return self._countdown <= 0
 
     def look(self, progress: tuple[Sequence[float], Sequence[float]] | None, now_s: float) -> None:
-        """Compare the reference that was sent with the one the controller follows."""
+        """Compare the sent reference with the controller's own."""
         self._countdown = _LOOK_EVERY
         if progress is None:
             return

@@ -1,4 +1,4 @@
-"""Conditions of the controller's three states under which commands act."""
+"""Mapping of the controller's three states to whether commands act."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ADVICE = {
 def hold_reason(motors: int | None, mci: int | None, rapid: int | None) -> str:
     """Return why commands would not act in these raw states; empty when they do.
 
-    RAPID counts as running when it is UNDEFINED: so it is reported after a controller's restart.
+    UNDEFINED counts as a running RAPID program, because controllers report it after a restart.
     """
     if motors == MotorState.OFF:
         return MOTORS_OFF

@@ -8,36 +8,36 @@ from cardan.drivers.missed_cycles import SLACK_S
 from cardan.types import NEVER_S
 
 UNKNOWN: Final = -1
-"""A clock that the controller does not send, or no number of it."""
+"""Marks a clock that the controller does not send, or an invalid number."""
 
 NO_STATES: Final = (-1, -1, -1)
-"""No controller sends these, so the first states received count as a change."""
+"""States that no controller sends, so that the first received ones count as a change."""
 
 
 class CycleState(Protocol):
-    """State in Python, or in memory shared with the compiled part."""
+    """Cycle state, in Python or in memory shared with the compiled part."""
 
     states: list[int]
-    """The controller's: motors, MCI, RAPID execution."""
+    """The controller's states: motors, MCI, RAPID execution."""
     tm_ms: int
-    """The controller's clock in the newest header; UNKNOWN: it sends none. Likewise:"""
+    """The controller's clock in the newest header; UNKNOWN if it sends none. The next likewise."""
     time_us: int
     last_step_s: float
-    """Time between the two newest datagrams, as both clocks agree."""
+    """Time between the two newest datagrams by both clocks."""
     since_reply_s: float
-    """Time since the last answer, likewise."""
+    """Time since the last answer by both clocks."""
     credit_s: float
-    """Credit of time, as in missed_cycles.py."""
+    """Time credit; see missed_cycles.py."""
     replied_s: float
     """Local time at which the last answer was sent."""
     out_seqno: int
-    """The next answer's sequence number."""
+    """Sequence number of the next answer."""
     said_speed: bool
-    """Whether the last answer told the controller to move."""
+    """True if the last answer commanded motion."""
     known: bool
-    """Whether the compiled part has put the newest state here itself."""
+    """True if the compiled part has stored the newest state here."""
     steady: bool
-    """Whether the next answer may be made by the compiled part: nothing is to be made up for."""
+    """True if the compiled part may make the next answer: nothing has to be made up for."""
 
 
 class PlainCycleState:

@@ -1,4 +1,4 @@
-"""A thread that answers the controller for an application slower than its cycle."""
+"""Thread that answers the controller for an application slower than its cycle."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from cardan.errors import DriverError
 from cardan.types import HoldCommand, RobotCommand, RobotState
 
 _JOIN_S = 2.0
-"""Longer than a wake-up and a braking ramp take."""
+"""Timeout longer than a wake-up and a braking ramp."""
 
 
 class EgmStream:
-    """Newest state out, newest command in; every datagram is answered at once in between.
+    """Exchange of the newest state and the newest command; a thread answers every datagram at once.
 
     A command acts until the next one, until it is older than the option `command_timeout_s`, or
-    until the controller begins a new session; then the robot is braked within its limits.
+    until the controller begins a new session; then the robot brakes within its limits.
     """
 
     def __init__(self, driver: LoopMixin[EgmSession]) -> None:
@@ -29,7 +29,7 @@ class EgmStream:
         self._stopping = False
         self._failure: BaseException | None = None
         self._state: RobotState | None = None
-        # Written in one go: the thread sees a whole command or the one before.
+        # Assigned at once: the thread sees either a whole new command or the previous one.
         self._newest: tuple[RobotCommand, float, int] = (HoldCommand(), 0.0, -1)
 
     def __enter__(self) -> EgmStream:
@@ -44,9 +44,9 @@ class EgmStream:
             self._thread.join(_JOIN_S)
 
     def state(self) -> RobotState:
-        """The newest state; its stamp says how old it is. Never blocks.
+        """Newest state; its stamp tells its age.
 
-        Raises DriverError when the thread has failed.
+        Never blocks. Raises DriverError if the thread has failed.
         """
         self._raise_failure()
         state = self._state
@@ -58,10 +58,10 @@ class EgmStream:
         return state
 
     def command(self, command: RobotCommand) -> None:
-        """Have every datagram answered with `command` from now on. Never blocks.
+        """Answer every further datagram with `command`.
 
-        Raises CommandError for one the robot cannot take (the one before stays in force) and
-        DriverError when the thread has failed.
+        Never blocks. Raises CommandError if the robot cannot take it (the previous one stays in
+        force), and DriverError if the thread has failed.
         """
         self._raise_failure()
         session = self._driver.session

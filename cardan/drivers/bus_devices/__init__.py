@@ -1,4 +1,4 @@
-"""Operator devices whose messages come on the bus: phones, headsets, and devices of ROS 2 nodes."""
+"""Operator devices read through the bus: phones, headsets, and devices of ROS 2 nodes."""
 
 from cardan.drivers.bus_devices.device import (
     Phone as Phone,

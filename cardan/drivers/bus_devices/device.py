@@ -1,6 +1,5 @@
-"""Drivers of devices whose messages come on the bus: from a page of the console, and from nodes of
-a ROS 2 system. Each driver is a node itself.
-"""
+"""Drivers of devices whose messages come through the bus, from the console's web page or from ROS 2
+nodes. Each driver is a node."""
 
 from __future__ import annotations
 
@@ -23,19 +22,19 @@ from cardan.protocols.ros2.zenoh import PUBLISHER
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 MESSAGES_KEPT = 32
-"""Messages that wait for the reader; button edges are in each."""
+"""Messages queued for the reader; each has the button edges."""
 
 MEET_S = 1.0
-"""Longest wait for the node to be found: a router takes some 0.1 s to announce it."""
+"""Longest wait for the publishing node, s: a router takes some 0.1 s to announce it."""
 
 LOOK_S = 0.01
-"""Period of looking for it meanwhile."""
+"""Period of looking for it during that wait, s."""
 
 WAIT_S = 0.04
-"""The reader looks at the end of its work so often."""
+"""Period of the reader's check whether to stop, s."""
 
 RUMBLE_AGAIN_S = 0.2
-"""joy_node ends a rumble after a second."""
+"""Repetition period of a rumble, s: joy_node ends a rumble after a second."""
 
 FEEDBACK_TYPE, RUMBLE = "sensor_msgs/msg/JoyFeedback", 1
 
@@ -50,7 +49,7 @@ C = TypeVar("C", bound=BusCore)
 
 
 class Rumbler:
-    """Rumble shown by another node: by sensor_msgs/JoyFeedback, repeated while it lasts."""
+    """Rumble on another node's device: sensor_msgs/JoyFeedback, repeated while it lasts."""
 
     def __init__(self, publisher: Publisher) -> None:
         self.level = 0.0
@@ -65,7 +64,7 @@ class Rumbler:
             self._again_s = now_s + RUMBLE_AGAIN_S
 
     def end(self) -> None:
-        """Leave it still."""
+        """Stop the rumble."""
         if self._shown:
             self._show(0.0)
 
@@ -76,14 +75,14 @@ class Rumbler:
 
 
 class BusMixin(ReaderMixin[C]):
-    """The reader of a device whose messages come on a topic."""
+    """Reader of a device whose messages come on a topic."""
 
     _bus: BusNode | None = None
     _messages: WaitingSubscription | None = None
     _presence: MatchedEndpoints | None = None
     _rumbler: Rumbler | None = None
     _level = 0.0
-    """Requested level of the rumble."""
+    """Requested level of the rumble, 0 to 1."""
 
     _missing: ClassVar[str] = ""
     """Advice when `{topic}` has no publisher on the `{router}`."""
@@ -120,7 +119,7 @@ class BusMixin(ReaderMixin[C]):
 
     @property
     def _feedback_topic(self) -> str:
-        """Topic of its rumble; empty: none."""
+        """Topic of its rumble; empty if none."""
         topic: str = getattr(self.options, "feedback_topic", "")
         return topic
 
@@ -189,12 +188,11 @@ class BusMixin(ReaderMixin[C]):
             bus.close()
 
     def close(self) -> None:
-        """Stop reading and rumbling."""
         super().close()
         self._level = 0.0
 
 
-# -- hands that a page of the console shows ----
+# -- devices that the console's page reads ----
 
 
 class Phone(BusMixin[PhoneCore], OperatorDevice):

@@ -1,13 +1,13 @@
 """Base interpreter of a Linux input device's events, without any I/O.
 
-The kernel reports changes only, so silence while deflected is normal. The known state stays true as
-long as the reader keeps finding that nothing waits and that the device is there; that moment, or
-that of the newest event, is the stamp of the state.
+The kernel reports changes only, so silence while deflected is normal. The known state stays valid
+while the reader finds no waiting events and the device present; the time of that check, or of the
+newest event, is the stamp of the state.
 
-Until a device that was plugged in or opened sends its first frame, the kernel reports all zero,
-whatever is deflected. So that frame has to come first, and buttons that it shows pressed, perhaps
-held all the time, count once they have been released. When events were lost (SYN_DROPPED, garbled
-packets) the device is asked for all it holds, and has to be seen at rest before it counts again.
+Until the first frame of a device that was plugged in or opened, the kernel reports zeros, whatever
+is deflected. The state therefore counts only from that frame on, and buttons that it shows pressed
+count after a release. When events were lost (SYN_DROPPED, garbled packets), the device's state is
+read as a whole, and the device counts again once it is seen at rest.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from cardan.protocols.evdev.requests import BUS_BLUETOOTH
 from cardan.types import NEVER_S, DeviceLink
 
 UNREAD_AFTER_S = 0.09
-"""Time without a read after which a deflected device does not count any more. The limit is 0.1 s;
-the difference is for one cycle of the reader."""
+"""Time without a read after which a deflected device does not count any more, s. The limit is 0.1
+s; the difference is for one cycle of the reader."""
 
 LONGEST_FRAME = 256
-"""Events between two SYN_REPORT; more than any device has is garbage."""
+"""Most events between two SYN_REPORT; no device sends more."""
 
 FRAME_WITHIN_S = 0.05
-"""Longest frame: the kernel delivers frames whole, so one without an end by then is garbled."""
+"""Longest frame, s: the kernel delivers frames whole, so a longer one is garbled."""
 
 DROPPED_REASON = "the system dropped its events, since they were not read in time"
 GARBLED_REASON = "it sent bytes that are no events"
@@ -75,12 +75,12 @@ class EvdevCore(DeviceCore):
         self._frame: list[InputEvent] = []
         self._frame_s = NEVER_S
         self._skipping = False
-        """After SYN_DROPPED, up to the end of the frame."""
+        """True after SYN_DROPPED, until the end of the frame."""
         self._unanswered = False
-        """A request for a sign of life is still unanswered."""
+        """True while a request for a sign of life is unanswered."""
         self._event_s = NEVER_S
 
-    # -- what a kind of device is --------------------------------------------------------------
+    # -- defined by the kind of device ------------------------------------------------------------
 
     _radio_words: ClassVar[str]
     """Warning about a radio link that is lost while the device is deflected, and its remedy."""
@@ -95,15 +95,16 @@ class EvdevCore(DeviceCore):
 
     @abstractmethod
     def _on_description(self) -> None:
-        """`description` is new."""
+        """React to a new `description`."""
 
     def _on_key(self, code: int, pressed: bool, now_s: float) -> None:
-        """A key went down or up; `_down` says so already."""
+        """React to a key's press or release, which `_down` already shows."""
 
-    # -- what happens to the device ------------------------------------------------------------
+    # -- events of the device ---------------------------------------------------------------------
 
     def on_opened(self, description: EvdevDeviceInfo, snapshot: EvdevState, now_s: float) -> None:
-        """The device was opened (again) and its values were read: the previous state is void."""
+        """Start after the device was opened (again) and its values were read: earlier state is
+        void."""
         self.description = description
         self._on_description()
         self._event_s = now_s
@@ -112,12 +113,12 @@ class EvdevCore(DeviceCore):
         self._renew(snapshot, "not heard of yet", now_s)
 
     def on_snapshot(self, snapshot: EvdevState, now_s: float) -> None:
-        """`snapshot` is all that it holds, read since events had been lost."""
+        """Replace the state by `snapshot`, read from the device since events had been lost."""
         if self._open:
             self._renew(snapshot, self._reason, now_s)
 
     def on_packet(self, data: bytes, now_s: float) -> None:
-        """The events of one read. Never raises."""
+        """Process the events of one read. Never raises."""
         if not self._open:
             return
         events = decode_events(data)
@@ -148,7 +149,7 @@ class EvdevCore(DeviceCore):
             self._void("overlong_frames", GARBLED_REASON, now_s)
 
     def on_checked(self, now_s: float) -> None:
-        """The device is there and everything it said has been read."""
+        """Record that the device is present and all its events have been read."""
         if not self._open:
             return
         self._watch(now_s)
@@ -165,7 +166,8 @@ class EvdevCore(DeviceCore):
 
     @property
     def has_to_answer(self) -> bool:
-        """Whether it must show that it is there: it is deflected, or was when it fell silent."""
+        """True if the device must show that it is present: it is deflected, or was when it fell
+        silent."""
         if self._link is DeviceLink.LIVE:
             return bool(self._buttons.held or self._away_from_rest())
         return self._link is DeviceLink.STALE
@@ -215,7 +217,6 @@ class EvdevCore(DeviceCore):
             self._link, self._reason = DeviceLink.LIVE, ""
 
     def _watch(self, now_s: float) -> None:
-        """Check for a deflected device that was not read, or fell silent."""
         if self._link is not DeviceLink.LIVE:
             return
         if now_s - self._stamp_s > UNREAD_AFTER_S:
@@ -234,7 +235,7 @@ class EvdevCore(DeviceCore):
         return f"{self._reason}: {todo}"
 
     def _void(self, counter: str, reason: str, now_s: float) -> None:
-        """Events were lost: ask the device for all it holds, and let it come to rest."""
+        """Void the state after lost events: request the device's values, and wait for rest."""
         self._counts[counter] += 1
         self._frame.clear()
         self.needs_snapshot = True
@@ -248,7 +249,7 @@ class EvdevCore(DeviceCore):
         self._values = dict(snapshot.values)
         self._stamp_s = now_s
         self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
-        # Buttons that were held, and are up by now, count again.
+        # Buttons that were held, and are released by now, count again.
         self._buttons.set(self._labels(), now_s)
         self._settle()
 
@@ -260,5 +261,5 @@ class EvdevCore(DeviceCore):
         super()._end(link, reason, now_s)
 
     def _drop_input(self, now_s: float) -> None:
-        # A button that is down counts again once it has been up.
+        # A pressed button counts again after a release.
         self._buttons.mask(self._labels())

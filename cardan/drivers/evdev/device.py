@@ -1,4 +1,4 @@
-"""The shell that all input devices share: finds the node, reads it, requests its values."""
+"""Driver base of all Linux input devices: finds the node, reads it, requests its values."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ READ_TIMEOUT_S = 0.02
 """Longest wait for an event; a device that sends none meanwhile counts as read."""
 
 ANSWER_TIMEOUT_S = 0.03
-"""Timeout of a simulated device's sign of life. This, the wait before it and
-`FEEDBACK_TIMEOUT_S` together are less than what a deflected device may go unread."""
+"""Timeout of a simulated device's sign of life, s. With the wait before it and `FEEDBACK_TIMEOUT_S`
+it is below the longest time that a deflected device may go unread."""
 
 SNAPSHOT_PERIOD_S = 0.02
-"""Shortest time between two requests for all that a device holds."""
+"""Shortest time between two requests for all values of a device, s."""
 
 
 def check_way(transport: str, path: str) -> None:
@@ -53,11 +53,11 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
         super().__init__(options, **keywords)
         self._link: EvdevLink | None = None
         self._chosen: EvdevDeviceInfo | None = None
-        """The device opened first since open(): no other replaces it when it is unplugged."""
+        """Device opened first since open(): no other replaces it when it is unplugged."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The devices of this kind, each with what keeps it from being opened. Never raises."""
+        """Return the devices of this kind, each with any obstacle to opening it. Never raises."""
         return [
             FoundDevice(
                 node.name,
@@ -72,24 +72,23 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
     @staticmethod
     @abstractmethod
     def _fits(keys: frozenset[int], axes: frozenset[int]) -> bool:
-        """Whether a device with these keys and axes is of the kind."""
+        """True if a device with these keys and axes is of the kind."""
 
     @staticmethod
     def _misfit(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
-        """Actual kind of a device that does not fit, where that helps; empty: any."""
+        """Describe what a device that does not fit is, if that helps; else empty."""
         return ""
 
     @abstractmethod
     def _attend(self, link: EvdevLink) -> None:
-        """Do what else the open device needs, after each read. May raise OSError."""
+        """Serve other needs of the open device after each read. May raise OSError."""
 
     def _before_release(self, link: EvdevLink) -> None:
-        """Leave the device as it was. May raise OSError."""
+        """Restore the device's initial state. May raise OSError."""
 
     # -- the reader ----------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Stop reading and release the device."""
         with self._opening:
             super().close()
             self._chosen = None
@@ -161,7 +160,7 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
         try:
             self._before_release(link)
         except OSError:
-            pass  # it is gone, and what it held with it
+            pass  # the device is gone, and its values with it
         finally:
             link.close()
 
@@ -172,7 +171,7 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
         return [node for node in find_nodes() if cls._fits(node.keys, node.axes) is fit]
 
     def _open_link(self) -> tuple[EvdevLink, str]:
-        """The device that the options mean, and the name of its kernel driver."""
+        """Open the device that the options select; return it with the name of its kernel driver."""
         options = self.options
         if options.transport == "socket":
             return open_simulated(f"the simulated {self._kind}", options.path, EvdevSocketLink), ""
@@ -211,7 +210,8 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
         )
 
     def _check_choice(self, description: EvdevDeviceInfo) -> None:
-        """Raise unless this is the device that was opened first: numbers of nodes are reused."""
+        """Raise an error unless this is the device that was opened first: node numbers are
+        reused."""
         chosen = self._chosen
         if chosen is not None and (chosen.name, chosen.identity) != (
             description.name,

@@ -1,4 +1,4 @@
-"""Ways to an input device's events: a node of /dev/input, and a socket that stands for one."""
+"""Links to an input device's events: a node of /dev/input, or a socket in its place."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if sys.platform != "win32":
     import fcntl
 
 READ_BYTES = 64 * EVENT_BYTES
-"""Size of every read: at least as many events as the kernel keeps for a slow reader."""
+"""Size of every read, bytes: all events that the kernel keeps for a slow reader fit in."""
 
 CALL_TIMEOUT_S = 0.5
-"""Timeout of a simulated device's answers about its identity or its values."""
+"""Timeout of a simulated device's answers about its identity or values, s."""
 
 FEEDBACK_TIMEOUT_S = 0.03
-"""The same for feedback while the device is read: reading must not wait for it."""
+"""The same for feedback while the device is read, s: it delays reading."""
 
 
 class EvdevLink(ABC):
@@ -41,7 +41,7 @@ class EvdevLink(ABC):
 
     @abstractmethod
     def read(self, timeout_s: float) -> bytes | None:
-        """Waiting events, oldest first; None when none comes in time."""
+        """Return waiting events, oldest first; None if none comes in time."""
 
     @abstractmethod
     def write(self, events: bytes) -> None:
@@ -49,14 +49,14 @@ class EvdevLink(ABC):
 
     @abstractmethod
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
-        """Make an ioctl request; its argument as it is after it. OSError when it is refused.
+        """Make an ioctl request; return its argument as changed.
 
-        Only a socket waits, for at most `timeout_s`.
+        Raises OSError if it is refused. Only a socket waits, for at most `timeout_s`.
         """
 
     @abstractmethod
     def answers(self, timeout_s: float) -> bool:
-        """Whether the device is seen to be there, within `timeout_s`, while it sends no events."""
+        """True if the device is seen to be present within `timeout_s`, while it sends no events."""
 
     @abstractmethod
     def close(self) -> None:
@@ -72,7 +72,6 @@ class NodeLink(EvdevLink):
         self._poll.register(self._fd, select.POLLIN)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Read the events that are ready, in a single read."""
         ready = self._poll.poll(1000.0 * timeout_s)
         if not ready:
             return None
@@ -80,15 +79,13 @@ class NodeLink(EvdevLink):
             raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
         try:
             return os.read(self._fd, READ_BYTES)
-        except BlockingIOError:  # another thread was faster, or the events were thrown away
+        except BlockingIOError:  # another thread was faster, or the events were discarded
             return None
 
     def write(self, events: bytes) -> None:
-        """Write events in a single write."""
         os.write(self._fd, events)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
-        """Call one ioctl."""
         if request in BY_VALUE:
             fcntl.ioctl(self._fd, request, decode_int(argument))
             return argument
@@ -97,29 +94,27 @@ class NodeLink(EvdevLink):
         return bytes(buffer)
 
     def answers(self, timeout_s: float) -> bool:
-        """True: a device that is gone shows in reading, as far as the kernel knows."""
+        """True: reading reveals a missing device, as far as the kernel knows."""
         return True
 
     def close(self) -> None:
-        """Close the node; the kernel erases what effects were uploaded through it."""
         with contextlib.suppress(OSError):
             os.close(self._fd)
 
 
 class EvdevSocketLink(PacketSocket, EvdevLink):
-    """A Unix socket that stands for a node: a packet is one read or write, or one ioctl."""
+    """Unix socket in place of a node: a packet is one read or write, or one ioctl."""
 
     def __init__(self, path: str) -> None:
         self._early: deque[bytes] = deque()
-        """Packets that came while an answer was awaited."""
+        """Packets received while awaiting an answer."""
         self._owed: deque[int] = deque()
-        """Requests whose answers may still come, after their calls have timed out."""
+        """Requests whose calls have timed out, and whose answers may still come."""
         self._answered = False
-        """An answer came since the last call of `answers`."""
+        """True if an answer came since the last call of `answers`."""
         super().__init__(path)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Receive one packet."""
         if self._early:
             return self._early.popleft()
         end_s = time.monotonic() + timeout_s
@@ -129,11 +124,10 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
                 return packet
 
     def write(self, events: bytes) -> None:
-        """Send one packet."""
         self.send(events, FEEDBACK_TIMEOUT_S)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
-        """Send the request and wait for its answer; events that come meanwhile are kept."""
+        """Send the request and wait for its answer; events received meanwhile are kept."""
         end_s = time.monotonic() + timeout_s
         packet = encode_call(IoctlCall(request, 0, argument.ljust(argument_bytes(request), b"\0")))
         self.send(packet, timeout_s)
@@ -152,10 +146,10 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
         raise OSError(errno.ETIMEDOUT, "it does not answer")
 
     def answers(self, timeout_s: float) -> bool:
-        """Whether the program behind the socket still serves it: a request shows that."""
+        """True if the program behind the socket answers a request."""
         end_s = time.monotonic() + timeout_s
         if not self._answered and EVIOCGID not in self._owed:
-            # A single request is enough: a program that hangs must not find a pile of them later.
+            # A single request is enough: requests must not pile up at a program that hangs.
             try:
                 self.send(encode_call(IoctlCall(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
             except (TimeoutError, BlockingIOError):
@@ -170,13 +164,13 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
         return answered
 
     def _is_late(self, packet: bytes) -> bool:
-        """Whether `packet` answers a request whose call has timed out."""
+        """True if `packet` answers a request whose call has timed out."""
         if not self._owed:
             return False
         call = _call_in(packet)
         if call is None or call.request not in self._owed:
             return False
-        # Answers come in the order of the requests: what was asked before will get none.
+        # Answers come in the order of the requests: earlier ones will not be answered.
         while self._owed.popleft() != call.request:
             pass
         self._answered = True
@@ -184,7 +178,7 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
 
 
 def _call_in(packet: bytes) -> IoctlCall | None:
-    """The answer to a request that `packet` is; None: it is something else."""
+    """Return the answer to a request that `packet` is; None if it is something else."""
     if len(packet) % EVENT_BYTES == 0:
         return None
     call = decode_call(packet)

@@ -1,4 +1,4 @@
-"""Input devices of the system: search, description of an open one, reasons of a failed open."""
+"""Input devices of the system: search, description, and reasons of a failed open."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from cardan.protocols.evdev.requests import (
 )
 
 _LETTERS = frozenset(KEY_CODES[label] for label in ("q", "a", "z", "p", "l", "m", "space", "enter"))
-"""Keys that tell a keyboard from a power button, a remote control or a row of media keys."""
+"""Keys that distinguish a keyboard from a power button, a remote control or media keys."""
 
 CONSOLE_HINT = (
     "log in at the console, or install the udev rules (`cardan devices udev` prints them) and "
@@ -55,7 +55,7 @@ class Node(NamedTuple):
     """An input device, as /sys describes it without opening it."""
 
     path: str
-    """Its node, /dev/input/eventN."""
+    """Path of its node, /dev/input/eventN."""
     name: str
     identity: str
     """Vendor and product ("045e:028e")."""
@@ -63,7 +63,7 @@ class Node(NamedTuple):
     axes: frozenset[int]
 
     def is_of(self, name: str, identity: str) -> bool:
-        """Whether it belongs to a device that says it is `name`, of that vendor and product."""
+        """True if it belongs to a device with this name, vendor and product."""
         return self.identity == identity and self.name == (name.strip() or _number(self.path))
 
 
@@ -77,13 +77,13 @@ class EvdevDeviceInfo(NamedTuple):
     axes: dict[int, AbsInfo]
     effects: frozenset[int]
     kernel_driver: str = ""
-    """Name of the kernel's driver ("xpad"); empty: not known."""
+    """Name of the kernel's driver ("xpad"); empty if unknown."""
     bustype: int = 0
-    """Kind of its connection (`BUS_USB`, `BUS_BLUETOOTH` ...); 0: not known."""
+    """Bus of its connection (`BUS_USB`, `BUS_BLUETOOTH` ...); 0 if unknown."""
 
     @property
     def identity(self) -> str:
-        """Vendor and product, as those of a `Node`."""
+        """Vendor and product, in the form of `Node`."""
         return f"{self.vendor:04x}:{self.product:04x}"
 
 
@@ -91,13 +91,13 @@ class EvdevState(NamedTuple):
     """Current values of an open device."""
 
     keys: frozenset[int]
-    """Codes of the keys and buttons that are down."""
+    """Codes of pressed keys and buttons."""
     values: dict[int, int]
-    """Values of the axes."""
+    """Values by axis code."""
 
 
 def is_gamepad(keys: frozenset[int], axes: frozenset[int]) -> bool:
-    """A pad by the kernel's rule for gamepads: a south button, and a stick."""
+    """True for a gamepad by the kernel's rule: a south button, and a stick."""
     return BTN_SOUTH in keys and {ABS_X, ABS_Y} <= axes
 
 
@@ -106,11 +106,11 @@ _MODE_D: Final[Mapping[str, tuple[str, str]]] = {
     "046d:c218": ("F510", "RumblePad 2"),
     "046d:c219": ("F710", "Cordless RumblePad 2"),
 }
-"""Logitech's pads whose switch is at D, and older ones that report the same."""
+"""Logitech pads in mode D, and older ones with the same ids."""
 
 
 def pad_in_mode_d(identity: str) -> str:
-    """How to switch this Logitech pad to gamepad mode; empty: it is none of them."""
+    """Explain how to switch this Logitech pad to gamepad mode; empty if it is another device."""
     if identity not in _MODE_D:
         return ""
     pad, older = _MODE_D[identity]
@@ -121,7 +121,7 @@ def pad_in_mode_d(identity: str) -> str:
 
 
 def joystick(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
-    """Explanation of a device with a joystick's buttons, with advice; empty: it has none."""
+    """Explain a device with a joystick's buttons, with advice; empty if it has none."""
     if BTN_SOUTH in keys or not axes or keys.isdisjoint(JOYSTICK_BUTTONS):
         return ""
     if words := pad_in_mode_d(identity):
@@ -137,12 +137,12 @@ def joystick(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
 
 
 def is_keyboard(keys: frozenset[int], axes: frozenset[int]) -> bool:
-    """A keyboard with letters."""
+    """True for a keyboard with letters."""
     return keys >= _LETTERS
 
 
 def find_nodes(root: Path = Path("/")) -> list[Node]:
-    """Every input device of the system, in the order of its numbers. Never raises."""
+    """Return every input device of the system, by number. Never raises."""
     found: list[tuple[int, Node]] = []
     with contextlib.suppress(OSError):
         for entry in (root / "sys/class/input").iterdir():
@@ -164,7 +164,7 @@ def find_nodes(root: Path = Path("/")) -> list[Node]:
 
 
 def kernel_driver(path: str, root: Path = Path("/")) -> str:
-    """The name of the kernel's driver behind the node at `path`; empty where there is none."""
+    """Name of the kernel's driver of the node at `path`; empty if there is none."""
     link = root / "sys/class/input" / os.path.basename(os.path.realpath(path)) / "device/device"
     try:
         return (link / "driver").resolve(strict=True).name
@@ -195,12 +195,12 @@ def take_snapshot(link: EvdevLink, description: EvdevDeviceInfo) -> EvdevState:
 
 
 def _number(path: str) -> str:
-    """Substitute for the name of a device without one ("event7")."""
+    """Fallback name of a device without one ("event7")."""
     return os.path.basename(path)
 
 
 def _bits(words: str) -> frozenset[int]:
-    """The codes in a mask as /sys prints it: words of the size of a long, highest first."""
+    """Return the codes in a mask as /sys prints it: words of the size of a long, highest first."""
     width = sys.maxsize.bit_length() + 1
     mask = 0
     for word in words.split():

@@ -3,9 +3,9 @@
 Pads differ in where their right stick and triggers are: RX and RY with the triggers on Z and RZ
 (Xbox by cable, PlayStation), Z and RZ with the triggers on GAS and BRAKE (Xbox by Bluetooth), on RX
 and RY (PlayStation by the kernel's generic driver), or as buttons (Switch, simple pads). The node's
-identity decides; for an unknown pad, where its axes rest: sticks in the middle of their range,
-triggers at its lower end. Until the pad has been at rest that is taken from each new frame:
-before the first one the kernel has all axes at zero.
+identity decides. An unknown pad is identified by the resting values of its axes: sticks are in the
+middle of their range, triggers at its lower end. Until the pad has been at rest, each new frame is
+evaluated: before the first one the kernel reports zeros.
 """
 
 from __future__ import annotations
@@ -37,18 +37,19 @@ from cardan.protocols.evdev.requests import AbsInfo
 from cardan.types import Axes, DeviceLink
 
 LEAST_REST = 0.02
-"""Deflection that counts as rest whatever the dead zone: 0..255 has no value at its center."""
+"""Deflection that counts as rest whatever the dead zone: a range of 0..255 has no exact center."""
 
 TRIGGER_DOWN, TRIGGER_UP = 0.5, 0.3
-"""An analog trigger as a button goes down above the first and up below the second."""
+"""An analog trigger is pressed as a button above the first and released below the second."""
 
 RESTS_WITHIN = 0.25
-"""Share of an axis's range from its middle, or its lower end, that is there."""
+"""Largest distance from the middle or the lower end of an axis, as a share of its range, that
+counts as there."""
 
 _PAIRS: tuple[AxisPair, ...] = ((ABS_RX, ABS_RY), (ABS_Z, ABS_RZ))
-"""Axis pairs of the right stick or the triggers; the usual stick first."""
+"""Axis pairs of the right stick or the triggers, the usual stick first."""
 _PEDALS: AxisPair = (ABS_BRAKE, ABS_GAS)
-"""Axis pair that can only be the triggers."""
+"""Axis pair that is always the triggers."""
 
 _HATS = ((ABS_HAT0X, "dpad-left", "dpad-right"), (ABS_HAT0Y, "dpad-up", "dpad-down"))
 _NAMES = {
@@ -133,7 +134,7 @@ class GamepadCore(EvdevCore):
 
     @property
     def buttons(self) -> tuple[str, ...]:
-        """Labels of the buttons that the open pad has; of every pad before."""
+        """Labels of the open pad's buttons; before, of every pad's."""
         keys = self.description.keys
         if not keys:
             return PAD_LABELS
@@ -146,10 +147,10 @@ class GamepadCore(EvdevCore):
 
     @property
     def rumbles(self) -> bool:
-        """Whether the open pad can rumble."""
+        """True if the open pad can rumble."""
         return FF_RUMBLE in self.description.effects
 
-    # -- what a gamepad is ---------------------------------------------------------------------
+    # -- defined by the gamepad -------------------------------------------------------------------
 
     def _on_description(self) -> None:
         about = self.description
@@ -174,10 +175,10 @@ class GamepadCore(EvdevCore):
         return _PEDALS if self.description.axes.keys() >= {*_PEDALS} else None
 
     def _assign(self, right: AxisPair | None, triggers: AxisPair | None) -> None:
-        """Say which axes are the right stick and the triggers."""
+        """Assign the axes of the right stick and the triggers."""
         axes, keys = self.description.axes, self.description.keys
         right_x, right_y = right or (None, None)
-        # Sticks count to the right and down; here to the right and up, which is away.
+        # Sticks count right and down as positive; here right and up (away from the operator) are.
         self._sticks = {
             name: _Stick(code, axes[code], sign)
             for name, code, sign in (
@@ -198,7 +199,7 @@ class GamepadCore(EvdevCore):
         )
 
     def _look_at_rest(self, values: Mapping[int, int]) -> None:
-        """Tell the stick from the triggers by where the axes of a pad that is not known are."""
+        """Identify the right stick and the triggers of an unknown pad by where its axes rest."""
         pairs = self._pairs
         if self._layout.right_stick is not None or len(pairs) < len(_PAIRS):
             return
@@ -208,7 +209,7 @@ class GamepadCore(EvdevCore):
         if middle:
             right = middle[0]
         elif len(low) == 1:
-            # The other one is the stick, deflected.
+            # The other pair is the deflected stick.
             right = next(pair for pair in pairs if pair not in low)
         else:
             return
@@ -231,7 +232,7 @@ class GamepadCore(EvdevCore):
 
     @property
     def _trigger_buttons(self) -> list[_Trigger]:
-        """Analog triggers that are buttons, too: those that no axis is on."""
+        """Analog triggers that act as buttons: those not mapped to an axis."""
         if self._on_triggers:
             return []
         return [trigger for trigger in self._triggers if trigger.code is not None]

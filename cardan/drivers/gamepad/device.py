@@ -1,4 +1,4 @@
-"""The gamepad driver: reads an input device, and makes it rumble."""
+"""Gamepad driver: reads an input device, and controls its rumble."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cardan.protocols.evdev.requests import (
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 RUMBLE_MS = 400
-"""Time after which a rumble that is not renewed ends."""
+"""Time after which a rumble ends unless it is repeated."""
 RUMBLE_AGAIN_S = 0.2
 
 _FULL = 0xFFFF
@@ -36,7 +36,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
     """A gamepad as an operator device.
 
     Its axes are LIVE only after its sticks were seen at rest; see :mod:`cardan.drivers.evdev.core`
-    for the rules. It is opened again by itself after it was unplugged.
+    for the rules. An unplugged pad is reopened automatically.
     """
 
     Options: ClassVar[type[GamepadOptions]] = GamepadOptions
@@ -58,7 +58,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
         super().__init__(options, **keywords)
         self._core = GamepadCore(self.options)
         self._level = 0.0
-        """Strength of the rumble that is asked for, 0 to 1."""
+        """Requested strength of the rumble, 0 to 1."""
         self._shown = 0.0
         self._effect = _NEW
         self._again_s = 0.0
@@ -66,7 +66,8 @@ class Gamepad(EvdevDevice[GamepadCore]):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The pads, also those of Logitech whose switch keeps them from being one. Never raises."""
+        """Return the gamepads, and Logitech pads that are switched to another mode. Never
+        raises."""
         return super().find() + [
             FoundDevice(node.name, node.identity, "evdev", node.path, words)
             for node in cls._nodes(fit=False)
@@ -75,7 +76,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the pad; before it is open, the buttons of every pad, and no rumble."""
+        """Capabilities of the open pad; before, the buttons of every pad, and no rumble."""
         with self._lock:
             return DeviceCapabilities(
                 gives_pose=False,
@@ -85,7 +86,6 @@ class Gamepad(EvdevDevice[GamepadCore]):
             )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
         words = super().diagnosis()
         if self._rumble_failures:
             words += (f"{self._rumble_failures} times the pad would not rumble",)
@@ -105,7 +105,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
         try:
             self._rumble(link, level)
         except OSError:
-            # The link is judged by reading; a pad may refuse effects and be well otherwise.
+            # Reading tells the state of the link; a pad may refuse effects and work otherwise.
             self._rumble_failures += 1
             self._effect = _NEW
         self._shown, self._again_s = level, now_s + RUMBLE_AGAIN_S
@@ -135,6 +135,5 @@ class Gamepad(EvdevDevice[GamepadCore]):
             link.call(EVIOCRMFF, encode_int(effect), FEEDBACK_TIMEOUT_S)
 
     def close(self) -> None:
-        """Stop reading and rumbling, and release the pad."""
         super().close()
         self._level = 0.0

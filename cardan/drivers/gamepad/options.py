@@ -23,7 +23,7 @@ class GamepadOptions(ShapingOptions):
     path: Annotated[str, bounds.MEETING] = ""
     """The node's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
     name: str = ""
-    """A part of the pad's name, where several are plugged in; empty: any."""
+    """Part of the pad's name, if several are plugged in; empty: any."""
     layout: Literal["sticks", "swapped", "triggers"] = "sticks"
     """sticks: left stick x and y, right stick z and yaw. swapped: the sticks exchanged.
     triggers: left stick x and y, triggers z, right stick pitch and yaw."""

@@ -1,5 +1,5 @@
-"""Interpreters of devices on a page of the console: phones, headsets. Their drivers are in
-:mod:`cardan.drivers.bus_devices`."""
+"""Interpreters of devices that the console's web page reads: phones and headsets. Their drivers are
+in :mod:`cardan.drivers.bus_devices`."""
 
 from cardan.drivers.handheld.options import (
     HandheldOptions as HandheldOptions,

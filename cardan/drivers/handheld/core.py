@@ -1,16 +1,16 @@
 """Interpreter of a handheld device's frames, without any I/O and in the caller's time.
 
 Frames come 30 to 60 times a second, whether or not the device moves, and each says whether the
-operator holds the dead-man control. So silence is always a fault, and after any end other than a
-release the device counts again only once the dead-man control was seen released:
+operator holds the dead-man control. Silence is therefore always a fault. After any interruption
+other than a release, the device counts again only once the dead-man control was seen released:
 
 - A hidden page, lost tracking, a missing sensor, or a position jump: the link is NEEDS_NEUTRAL,
   deflections are zero, buttons released.
 - No frame that is young enough: STALE. The page that published has left: LOST.
 - Of two pages on one topic, the first one heard counts, while it sends.
 
-An alignment belongs to one reference: where that is, or may be, another one (by the page, after a
-position jump, or after lost tracking), it is void and has to be repeated.
+An alignment belongs to one reference. When the reference has changed, or may have (by the page,
+after a position jump, or after lost tracking), the alignment is void and must be repeated.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ ALIGN = "align"
 NOT_ALIGNED = "not aligned"
 
 SETTLE_S = 0.016
-"""A release this soon after a silence may be in old frames that had queued up."""
+"""Time after a silence in which a release does not count, s: it may be in queued frames."""
 
 OLDEST_S = 3600.0
-"""No frame is older."""
+"""Largest age of a frame."""
 
 
 class TrackedPose(NamedTuple):
@@ -73,9 +73,9 @@ class TrackedPose(NamedTuple):
 
     sample: PoseSample
     reference: int
-    """Number of its reference, as the page counts them."""
+    """Number of its reference, counted by the page."""
     drag: Vector3 = ZERO3
-    """Motion of the second finger, along the reference's axes; 1 is a third of the screen."""
+    """Motion of the second finger along the reference's axes; 1 is a third of the screen."""
 
 
 class HandheldCore(BusCore):
@@ -94,9 +94,9 @@ class HandheldCore(BusCore):
     kind: ClassVar[str]
     """Kind of its frames."""
     no_sensor: ClassVar[str]
-    """Reason why a device that is not lost has no position, with advice."""
+    """Reason why a device whose link is fine has no position, with advice."""
     to_align: ClassVar[str]
-    """Instruction for aligning with the robot's x axis, printed behind why it is unknown."""
+    """Instruction for aligning with the robot's x axis; follows the reason in messages."""
 
     def __init__(self, options: HandheldOptions) -> None:
         super().__init__()
@@ -111,38 +111,36 @@ class HandheldCore(BusCore):
         self._placed: TrackedPose | None = None
         """Last known position."""
         self._interrupted = False
-        """Tracking or the link was lost since then."""
+        """True if tracking or the link was lost since then."""
         self._held: Held | None = None
         """Set while the dead-man control is held and counts."""
         self._began: TrackedPose | None = None
         self._dragged = ZERO3
-        """Way of all drags together, along the robot's axes, m."""
+        """Sum of all drags along the robot's axes, m."""
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the buttons."""
         return (HOLD, *(each for each in BUTTONS[self.kind] if each != ALIGN))
 
     @abstractmethod
     def _read(self, frame: OperatorFrame) -> TrackedPose | None:
-        """Return the position in a frame of this device; None: it has none."""
+        """Return the position in a frame of this device; None if it has none."""
 
     @abstractmethod
     def _heading(self, reading: TrackedPose) -> Yaw:
         """Direction in which it points."""
 
     def _is_mine(self, frame: OperatorFrame) -> bool:
-        """Whether a frame of the kind is of this hand."""
+        """True if a frame of this kind is from the selected hand."""
         return True
 
     def on_opened(self, now_s: float) -> None:
-        """The page was found (again)."""
         self._forget_sender(now_s)
         self._on_other_sender()
         self._begin("let go of the control on the page once", now_s)
 
     def _on_other_sender(self) -> None:
-        # Its reference is another one, and so is where the robot is in it.
+        # A new page has another reference, in which the robot's place is unknown.
         self._yaw, self._unaligned = None, NOT_ALIGNED
         self._reading = self._placed = None
         self._dragged = ZERO3
@@ -194,7 +192,7 @@ class HandheldCore(BusCore):
         self._cached = None
 
     def _why_not(self, frame: OperatorFrame) -> str:
-        """Reason why the device does not count; empty: it does."""
+        """Return why the device does not count; empty if it does."""
         if not frame.visible:
             why = "the page is hidden: show it, and let go of the control once"
         elif not frame.tracking:
@@ -207,7 +205,7 @@ class HandheldCore(BusCore):
         return why
 
     def _moved(self, reading: TrackedPose) -> str:
-        """Reason why the device cannot have moved there; empty: it can."""
+        """Return why the device cannot have moved there; empty if it can."""
         before, self._placed = self._placed, reading
         interrupted, self._interrupted = self._interrupted, False
         if before is None:
@@ -215,7 +213,7 @@ class HandheldCore(BusCore):
         if reading.reference != before.reference:
             why = "the page has another reference"
         elif interrupted:
-            # It is unknown which of the two moved, the device or its reference.
+            # The device or its reference has moved; which of them is unknown.
             if elsewhere(before.sample, reading.sample):
                 self._unalign("the device was lost and is found elsewhere")
             return ""
@@ -227,7 +225,7 @@ class HandheldCore(BusCore):
         return f"{why}: let go of the control once"
 
     def _unalign(self, why: str) -> None:
-        """The alignment is void."""
+        """Void the alignment."""
         if self._yaw is not None:
             self._yaw, self._unaligned = None, f"not aligned any more, since {why}"
 
@@ -240,7 +238,7 @@ class HandheldCore(BusCore):
             self._link = DeviceLink.LIVE
 
     def _grasp(self, frame: OperatorFrame, before: TrackedPose | None) -> None:
-        """Begin, go on with, or end what is held."""
+        """Begin, continue or end the hold."""
         reading = self._reading
         assert reading is not None
         if not frame.hold or self._link is not DeviceLink.LIVE:
@@ -254,9 +252,9 @@ class HandheldCore(BusCore):
             self._drag(before.drag, reading.drag)
 
     def _drag(self, before: Vector3, now: Vector3) -> None:
-        """The second finger has moved."""
+        """Process a motion of the second finger."""
 
-    # -- what it gives -------------------------------------------------------------------------
+    # -- output -----------------------------------------------------------------------------------
 
     def _watch(self, now_s: float) -> None:
         stale_s = self._hand_options.stale_after_s
@@ -272,7 +270,8 @@ class HandheldCore(BusCore):
         self._held = self._began = None
 
     def _translation(self) -> Vector3:
-        """Translation since the hold began, as deflections along the reference's axes."""
+        """Return the translation since the hold began, as deflections along the reference's
+        axes."""
         raise NotImplementedError
 
     def _axes(self, now_s: float) -> Axes:
@@ -319,7 +318,7 @@ class PhoneCore(HandheldCore):
         return ZERO3 if reading is None else reading.drag
 
     def _drag(self, before: Vector3, now: Vector3) -> None:
-        # A finger that is lifted does not go back.
+        # Lifting the finger does not undo its drag.
         if any(now) and self._yaw is not None:
             way = scale(self._yaw.vector(subtract(now, before)), self._drag_m)
             self._dragged = add(self._dragged, way)
@@ -358,7 +357,7 @@ class XrCore(HandheldCore):
     def _read(self, frame: OperatorFrame) -> TrackedPose | None:
         body = frame.body
         assert isinstance(body, XrFrame)
-        # The frame gives the direction of the grip's axis; the device points below it.
+        # The frame has the direction of the grip's axis; the device points below it.
         q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
         sample = PoseSample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
         return TrackedPose(sample, body.reference)
@@ -380,7 +379,7 @@ class XrCore(HandheldCore):
 
 
 def _inertia_of(body: PhoneFrame) -> Inertia | None:
-    """Along x forward, y left, z up of a phone that lies before the operator."""
+    """Convert to x forward, y left, z up of a phone that lies in front of the operator."""
     force, rates = body.acceleration_m_s2, body.rates_rad_s
     if force is None:
         return None

@@ -25,9 +25,9 @@ class HandheldOptions(NodeOptions, ShapingOptions):
     """Name of this driver's node."""
     heading: Literal["asked", "each hold"] = "asked"
     """Robot's x axis in the device's reference. "asked": where it pointed when *Align* was pressed,
-    once for each page. "each hold": where it points whenever it is held anew."""
+    once for each page. "each hold": where it points at the begin of each hold."""
     full_turn_deg: Annotated[float, FULL_TURN_DEG] = 30.0
-    """Turn since it was held that is a full deflection, in rate mode."""
+    """Rotation since the begin of the hold that is a full deflection, in rate mode."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.15
     """Age of the newest frame at which the device counts as lost."""
     wait_for_device: bool = False
@@ -35,7 +35,7 @@ class HandheldOptions(NodeOptions, ShapingOptions):
 
     @property
     def feedback_topic(self) -> str:
-        """sensor_msgs/JoyFeedback, of which the page makes vibrations."""
+        """sensor_msgs/JoyFeedback topic, which the page shows as vibration."""
         return f"{self.topic}/feedback"
 
     def __post_init__(self) -> None:
@@ -51,8 +51,8 @@ class PhoneOptions(HandheldOptions):
     topic: str = "/phone"
     """cardan_msgs/OperatorFrame, as `cardan net server console` publishes what pages send."""
     drag_m: Annotated[float, FULL_WAY_M] = 0.1
-    """Way of the device for a drag of the second finger over a third of the screen, in position
-    mode."""
+    """Translation of the device for a drag of the second finger over a third of the screen, in
+    position mode."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +62,10 @@ class XrOptions(HandheldOptions):
     topic: str = "/xr"
     """cardan_msgs/OperatorFrame, as `cardan net server console` publishes what pages send."""
     part: Literal["right", "left", "viewer"] = "right"
-    """Which hand; "viewer": the phone or the headset itself, as of phones with AR."""
+    """Hand that holds the controller; "viewer": the phone or headset itself, such as a phone with
+    AR."""
     full_way_m: Annotated[float, FULL_WAY_M] = 0.1
-    """Way since it was held that is a full deflection, in rate mode."""
+    """Translation since the begin of the hold that is a full deflection, in rate mode."""
     grip_deg: Annotated[float, GRIP_DEG] = 0.0
-    """How far below the grip's axis the device points; 45 is the natural grip of most
+    """Angle by which the device points below the grip's axis; 45 is the natural grip of most
     controllers."""

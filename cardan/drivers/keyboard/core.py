@@ -19,7 +19,7 @@ _ARROWS = ("up down", "left right", "page-up page-down", "kp-9 kp-7", "kp-8 kp-2
 
 
 def _motion_keys(pairs: tuple[str, ...]) -> dict[int, tuple[int, float]]:
-    """Key code to axis and sign, from a pair of keys for each axis."""
+    """Build the map from key code to axis and sign, from a pair of keys for each axis."""
     return {
         KEY_CODES[label]: (axis, sign)
         for axis, pair in enumerate(pairs)
@@ -56,14 +56,14 @@ class KeyboardCore(EvdevCore):
         self._grabs = options.grab
         self._given_back = False
         self._muted: set[int] = set()
-        """Motion keys that were down together with Ctrl, Alt or Meta."""
+        """Motion keys that were pressed together with Ctrl, Alt or Meta."""
         self._goal = [0.0] * 6
         self._since_s = [0.0] * 6
-        """Time at which each axis was first deflected towards its goal."""
+        """Time at which the deflection of each axis towards its goal began."""
 
     @property
     def buttons(self) -> tuple[str, ...]:
-        """Labels of the keys that are buttons: all that have a name and move nothing."""
+        """Labels of the keys that count as buttons: all named keys that move nothing."""
         keys = self.description.keys
         return tuple(
             label
@@ -73,15 +73,15 @@ class KeyboardCore(EvdevCore):
 
     @property
     def wants_grab(self) -> bool:
-        """Whether other programs shall not get the keys."""
+        """True if the keys are to be withheld from other programs."""
         return self._grabs and not self._given_back
 
     @property
     def nothing_down(self) -> bool:
-        """True while no key is down: taken now, no other program is left with a key held."""
+        """True if no key is pressed: grabbed now, no other program is left with a pressed key."""
         return not self._down
 
-    # -- what a keyboard is --------------------------------------------------------------------
+    # -- defined by the keyboard ------------------------------------------------------------------
 
     def _on_description(self) -> None:
         self._given_back = False
@@ -136,7 +136,7 @@ class KeyboardCore(EvdevCore):
         return self._shaper((x, y, z, rx, ry, rz))
 
     def _watch(self, now_s: float) -> None:
-        if any(self._goal):  # The ramp goes on without an event.
+        if any(self._goal):  # The ramp continues without events.
             self._cached = None
         super()._watch(now_s)
 

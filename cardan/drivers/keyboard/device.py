@@ -1,4 +1,4 @@
-"""The keyboard driver: reads an input device, and keeps it from other programs where asked to."""
+"""Keyboard driver: reads an input device, and grabs it if configured."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ from cardan.types import DeviceCapabilities
 class Keyboard(EvdevDevice[KeyboardCore]):
     """A keyboard as an operator device.
 
-    It is LIVE only after no key that moves the robot was seen down; see
-    :mod:`cardan.drivers.evdev.core` for the rules. It is opened again by itself after it was
-    unplugged.
+    It is LIVE only after all keys that move the robot were seen released; see
+    :mod:`cardan.drivers.evdev.core` for the rules. An unplugged keyboard is reopened automatically.
     """
 
     Options: ClassVar[type[KeyboardOptions]] = KeyboardOptions
@@ -48,7 +47,6 @@ class Keyboard(EvdevDevice[KeyboardCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the keyboard: keys that move nothing are buttons."""
         with self._lock:
             buttons = self._core.buttons
         return DeviceCapabilities(
@@ -56,7 +54,6 @@ class Keyboard(EvdevDevice[KeyboardCore]):
         )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
         words = super().diagnosis()
         if self._grab_refused:
             words += ("another program has grabbed the keyboard: end it, or set grab = false",)
@@ -65,7 +62,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     def _attend(self, link: EvdevLink) -> None:
         with self._lock:
             wanted, nothing_down = self._core.wants_grab, self._core.nothing_down
-        # Grabbed with a key down, the programs that saw it pressed would never see its release.
+        # If grabbed with a key pressed, programs that saw the press would never see the release.
         if wanted == self._grabbed or (wanted and (self._grab_refused or not nothing_down)):
             return
         try:

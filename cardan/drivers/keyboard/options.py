@@ -21,14 +21,14 @@ class KeyboardOptions(ShapingOptions):
     path: Annotated[str, bounds.MEETING] = ""
     """The node's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
     name: str = ""
-    """A part of the keyboard's name, where several are plugged in; empty: any."""
+    """Part of the keyboard's name, if several are plugged in; empty: any."""
     layout: Literal["letters", "arrows"] = "letters"
     """letters: a z, s x, d c along x, y, z; f v, g b, h n about them. arrows: the arrow keys and
     page up and down along, the number pad about them."""
     ramp_s: Annotated[float, RAMP_S] = 0.3
-    """From pressing a key to full deflection; letting go is at once."""
+    """Time from pressing a key to full deflection; a release acts at once."""
     grab: bool = False
-    """No other program gets the keys while the keyboard is read: Esc gives it back, F12 takes it
+    """True: other programs get no keys while the keyboard is read; Esc gives it back, F12 takes it
     again."""
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.0
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""

@@ -1,4 +1,4 @@
-"""Limits that hold for a motion: ours, and the controller's where they are narrower."""
+"""Limits that hold for a motion: ours, or the controller's if narrower."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from cardan.protocols.simple_message.messages import VelocityInfo
 from cardan.types import JointLimits
 
 FLOAT32_SHARE = 1.0 - 1e-6
-"""Factor on a limit that came as float32, so that a value sent as float32 does not exceed it."""
+"""Factor on a limit received as float32, so that values sent as float32 do not exceed it."""
 
 
 def agreed_limits(limits: JointLimits, info: VelocityInfo) -> JointLimits:
-    """`limits` narrowed by those that the controller gives for its velocity mode."""
+    """Narrow `limits` by those that the controller reports for its velocity mode."""
     lower, upper = [], []
     for a, b, low, high in zip(
         limits.lower, limits.upper, info.pos_min, info.pos_max, strict=False
@@ -27,7 +27,7 @@ def agreed_limits(limits: JointLimits, info: VelocityInfo) -> JointLimits:
 
 
 def _narrower(ours: tuple[float, ...], theirs: tuple[float, ...]) -> tuple[float, ...]:
-    """The lesser of each pair; values that are not above zero are no limits."""
+    """Return the lesser of each pair; values of 0 or below are no limits."""
     return tuple(
         min(a, FLOAT32_SHARE * b) if b > 0.0 else a for a, b in zip(ours, theirs, strict=False)
     )

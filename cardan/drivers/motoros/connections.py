@@ -6,4 +6,4 @@ from typing import Literal
 
 Channel = Literal["motion", "state"]
 CHANNELS: tuple[Channel, ...] = ("state", "motion")
-"""The state port comes first: its messages reveal the byte order of the other."""
+"""Order of connecting: messages of the state port reveal the byte order of the motion port."""

@@ -1,4 +1,4 @@
-"""Messages about what a MotoROS controller reports, and what to do about it at the pendant."""
+"""Messages about the replies and status of a MotoROS controller, with advice for the pendant."""
 
 from __future__ import annotations
 
@@ -261,15 +261,15 @@ def _task(command: int) -> str:
 
 
 def _subcode(subcode: int) -> str:
-    """The message for a subcode of either table; empty for one that is in neither."""
+    """Message for a subcode of either table; empty if it is in neither."""
     return _NOT_READY.get(subcode) or _INVALID.get(subcode) or ""
 
 
 def reply_in_words(command: int, result: int, subcode: int) -> str:
-    """The message of a MotionReply: the result of `command`, its cause, and what to do.
+    """Explain a MotionReply: the result of `command`, its cause, and advice.
 
-    `command` is a MotionCommand, or the type of the message that is answered; `result` and
-    `subcode` as they came. Unknown numbers are named as such.
+    `command` is a MotionCommand, or the type of the answered message; `result` and `subcode` are
+    raw. Unknown numbers are reported as such.
     """
     outcome = _RESULTS.get(result, f"got the unknown result {result}")
     what = f"{_task(command)} {outcome}"
@@ -278,7 +278,7 @@ def reply_in_words(command: int, result: int, subcode: int) -> str:
     if result == MotionResult.BUSY:
         return f"{what}: {_BUSY.get(command, _BUSY_OTHERWISE)}"
     if result == MotionResult.FAILURE:
-        # CHECK_MOTION_READY says FALSE with a subcode of NOT_READY; old versions with 0.
+        # CHECK_MOTION_READY replies FALSE with a subcode of NOT_READY; old versions with 0.
         if command == MotionCommand.CHECK_MOTION_READY and subcode in _NOT_READY:
             return f"the robot is not ready: {_NOT_READY[subcode]}"
         why = _subcode(subcode) or _FAILURES.get(command, _FAILURE_OTHERWISE)
@@ -303,7 +303,7 @@ def io_result_in_words(result: int) -> str:
 
 
 def status_in_words(status: RobotStatus) -> str:
-    """Why the robot would not move, and what to do, worst first; "" when it would.
+    """Explain why the robot would not move, with advice, worst first; "" if it would.
 
     Known faults are reported regardless of `motion_possible`; values unknown to the controller only
     while motion is not known to be possible.

@@ -1,4 +1,4 @@
-"""The MotoROS driver: sockets around :class:`MotorosSession`."""
+"""MotoROS driver: sockets around :class:`MotorosSession`."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Motoros(TcpRobot[MotorosSession, Channel, Task]):
     Motion starts only on `enable()` (or once, with the option enable = "at-start"); after anything
     that ended it, `enable()` is needed again.
 
-    The driver moves one control group and needs none of the messages for several (2016, 2017,
-    2041). Inputs, outputs and registers are behind `io`.
+    The driver moves one control group, without the messages for several (2016, 2017, 2041). Inputs,
+    outputs and registers are behind `io`.
     """
 
     Options: ClassVar[type[MotorosOptions]] = MotorosOptions
@@ -70,21 +70,21 @@ class Motoros(TcpRobot[MotorosSession, Channel, Task]):
 
     def enable(self) -> None:
         """Start motion (START_VEL_MODE or START_TRAJ_MODE), which also resets alarms and switches
-        servos on. Done by the loop; the states' `hold_reason` says whether it worked."""
+        servos on. The loop executes it; `hold_reason` of the states reports the outcome."""
         self._ask("enable")
 
     def disable(self) -> None:
-        """Brake along a ramp, then leave the controller's mode. Done by the loop."""
+        """Brake along a ramp, then leave the controller's mode. The loop executes it."""
         self._ask("disable")
 
     def stop(self) -> None:
-        """STOP_MOTION, without a ramp of ours: a trajectory stops dead, velocity mode ramps down at
-        the controller's own acceleration. Done by the loop, after a reply that is awaited; no
-        substitute for an emergency stop."""
+        """Send STOP_MOTION, without our ramp: a trajectory stops dead, velocity mode ramps down at
+        the controller's own acceleration. The loop executes it, after any pending reply; it does
+        not replace an emergency stop."""
         self._ask("stop")
 
     def reset_alarm(self) -> None:
-        """Reset alarm and error. Done by the loop, as the two below."""
+        """Reset alarm and error. The loop executes it, like the next two."""
         self._ask("reset alarm")
 
     def servo_on(self) -> None:
@@ -105,7 +105,7 @@ class Motoros(TcpRobot[MotorosSession, Channel, Task]):
         """Inputs, outputs and registers, on a connection of their own; its calls wait for replies.
 
         Raises NotOpenError while the byte order of the controller is not known: before its first
-        state, unless the option `byte_order` tells.
+        state, unless the option `byte_order` is set.
         """
         session = self._require_open()
         with self._io_lock:
@@ -128,7 +128,7 @@ class Motoros(TcpRobot[MotorosSession, Channel, Task]):
     # -- diagnosis --------------------------------------------------------------------------------
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """The state port, which serves several clients; the motion port serves one."""
+        """State port, which serves several clients; the motion port serves only one."""
         options = self.options
         return (Endpoint("tcp", options.host, options.state_port, speaks=speaks_simple_message),)
 

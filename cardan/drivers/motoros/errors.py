@@ -1,4 +1,4 @@
-"""Errors of reading and writing a controller's inputs and outputs, besides CommandError."""
+"""Errors of reading and writing a controller's inputs and outputs."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from cardan.errors import DriverError
 
 
 class IoConnectionError(DriverError):
-    """A controller's port for inputs and outputs was not reached, fell silent, or answered
-    something else; whether a write had its effect is open."""
+    """The port for inputs and outputs was not reached, fell silent, or sent another answer; it is
+    unknown whether a write had its effect."""
 
 
 class IoRefusedError(DriverError):
     """A controller refused to read or write; the connection stays.
 
-    `result` is its answer: of MotoROS an IoResult, or the subcode of a message it did not know.
+    `result` is MotoROS's IoResult, or the subcode of a message that it did not know.
     """
 
     def __init__(self, message: str, result: int) -> None:

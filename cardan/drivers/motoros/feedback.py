@@ -27,14 +27,14 @@ _KINDS_OF_IGNORED = 32
 """Most reasons that are counted separately."""
 
 _BAD_IN_A_ROW = 8
-"""Bad messages in a row after which the connection is given up."""
+"""Consecutive bad messages after which the connection is closed."""
 
 
 class StateFeed:
     """The newest status and the newest feedback of one group.
 
-    An invalid message is counted and changes nothing. `failure` says why the stream cannot be
-    followed any more.
+    An invalid message is counted and changes nothing. `failure` is the reason why the stream is
+    unusable.
     """
 
     def __init__(self, options: MotorosOptions) -> None:
@@ -47,11 +47,11 @@ class StateFeed:
         self.positions: tuple[float, ...] = ()
         """rad, base to tool."""
         self.velocities: tuple[float, ...] = ()
-        """rad/s; empty where they are not sent or not to be trusted."""
+        """Joint velocities, rad/s; empty if they are not sent or not trusted."""
         self.feedback_s = NEVER_S
         self.feedbacks = 0
         self.other_axis = 0
-        """An axis, counted from 1, that the arm does not have and that is not at zero; 0: none."""
+        """Axis, counted from 1, that the arm does not have and that is not at zero; 0: none."""
         self.failure = ""
         self.ignored: Counter[str] = Counter()
         """Messages without effect, by reason."""
@@ -72,17 +72,17 @@ class StateFeed:
         self.disconnected()
 
     def disconnected(self) -> None:
-        """Count nothing that was heard as new any more."""
+        """Count no earlier message as fresh any more."""
         self.status_s = self.feedback_s = NEVER_S
 
     @property
     def heard(self) -> bool:
-        """True once a whole state was heard."""
+        """True once a complete state was received."""
         return bool(self.feedbacks and self.statuses)
 
     @property
     def stale_s(self) -> float:
-        """Time at which the newest feedback will be too old."""
+        """Time at which the newest feedback will be too old, s."""
         return min(self.status_s, self.feedback_s) + self._timeout_s
 
     def live(self, now_s: float) -> bool:
@@ -90,7 +90,7 @@ class StateFeed:
         return now_s < self.stale_s
 
     def at_rest_after(self, since_s: float) -> bool:
-        """True when a whole state later than `since_s` says that the robot does not move."""
+        """True when a complete state later than `since_s` reports that the robot does not move."""
         status = self.status
         return (
             status is not None
@@ -100,7 +100,7 @@ class StateFeed:
         )
 
     def received(self, data: bytes, now_s: float) -> None:
-        """Take what TCP delivered."""
+        """Process bytes from TCP."""
         reader = self._reader
         reader.feed(data)
         while not self.failure and (frame := reader.take()) is not None:
@@ -128,7 +128,7 @@ class StateFeed:
             )
             return None
         order = self._reader.byte_order
-        if order is None:  # nothing of the frame is plausible; take() says so then
+        if order is None:  # no part of the frame is plausible; take() reports it then
             return None
         self.byte_order = order
         return wire(order)

@@ -1,8 +1,7 @@
 """Inputs, outputs and registers of a MotoROS controller: the I/O port, 50242.
 
-`IoExchange` turns a request into bytes and bytes into its result, without a socket; `IoClient` is
-the blocking shell around it. MotoROS serves one such connection: a second one takes the place of
-the first.
+`IoExchange` converts a request to bytes and bytes to its result, without a socket; `IoClient` is
+the blocking client around it. MotoROS serves one such connection: a second one replaces the first.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ _REPLIES: dict[int, tuple[int, type[Body]]] = {
     _T.MOTO_WRITE_IO_GROUP: (_T.MOTO_WRITE_IO_GROUP_REPLY, WriteIoReply),
     _T.MOTO_WRITE_MREGISTER: (_T.MOTO_WRITE_MREGISTER, WriteRegisterReply),
 }
-"""By the type of the request; replies about registers have the type of their request."""
+"""Reply types by request type; replies about registers have the type of their request."""
 
 
 class IoRequest(NamedTuple):
@@ -86,42 +85,44 @@ class IoRequest(NamedTuple):
 
 
 def read_bit(address: int) -> IoRequest:
-    """Ask for one bit. CommandError when there is no such address."""
+    """Make a request to read a bit. Raises CommandError for an unknown address."""
     return IoRequest(_T.MOTO_READ_IO_BIT, ReadIo(_bit(address, writing=False)), 1)
 
 
 def write_bit(address: int, value: int) -> IoRequest:
-    """Set one bit, 0 or 1. CommandError for an address that cannot be written."""
+    """Make a request to set a bit to 0 or 1. Raises CommandError for an address that is not
+    writable."""
     body = WriteIo(_bit(address, writing=True), _number("value", value, 1))
     return IoRequest(_T.MOTO_WRITE_IO_BIT, body)
 
 
 def read_group(address: int) -> IoRequest:
-    """Ask for eight bits; `address` is that of the first without its last digit (1001: 10010)."""
+    """Make a request to read eight bits; `address` is the first bit's without its last digit (1001:
+    10010)."""
     return IoRequest(_T.MOTO_READ_IO_GROUP, ReadIo(_group(address, writing=False)), 0xFF)
 
 
 def write_group(address: int, value: int) -> IoRequest:
-    """Set eight bits, 0 to 255."""
+    """Make a request to set eight bits to 0 to 255."""
     body = WriteIo(_group(address, writing=True), _number("value", value, 0xFF))
     return IoRequest(_T.MOTO_WRITE_IO_GROUP, body)
 
 
 def read_register(register: int) -> IoRequest:
-    """Ask for an M register, 0 to 999."""
+    """Make a request to read an M register, 0 to 999."""
     number = _number("register", register, READABLE_REGISTERS - 1)
     return IoRequest(_T.MOTO_READ_MREGISTER, ReadRegister(number), 0xFFFF)
 
 
 def write_register(register: int, value: int) -> IoRequest:
-    """Set an M register, 0 to 559, to 0 to 65535."""
+    """Make a request to set an M register, 0 to 559, to 0 to 65535."""
     number = _number("register", register, WRITABLE_REGISTERS - 1)
     body = WriteRegister(number, _number("value", value, 0xFFFF))
     return IoRequest(_T.MOTO_WRITE_MREGISTER, body)
 
 
 def _index(value: int) -> int:
-    """Return `value` as a whole number; -1 if it is not one."""
+    """Return `value` as an integer; -1 if it is none."""
     try:
         return operator.index(value)
     except TypeError:
@@ -147,7 +148,7 @@ def _group(address: int, writing: bool) -> int:
 
 
 def _within(what: str, address: int, number: int, divisor: int, writing: bool) -> int:
-    """`number`, if it is that of a bit, or of ten bits' group, that can be read or written."""
+    """Return `number` if it is a readable or writable address of a bit or of a group of bits."""
     allowed = [
         (each.first // divisor, each.last // divisor, each.name)
         for each in ADDRESS_RANGES
@@ -163,8 +164,7 @@ def _within(what: str, address: int, number: int, divisor: int, writing: bool) -
 class IoExchange:
     """Requests and replies of a connection, one at a time; sans-I/O.
 
-    Make a new one for every connection: after an IoConnectionError nothing that arrives can be
-    told apart any more.
+    Make a new one for every connection: after an IoConnectionError later bytes cannot be assigned.
     """
 
     def __init__(self, byte_order: ByteOrder) -> None:
@@ -173,17 +173,18 @@ class IoExchange:
         self._asked: IoRequest | None = None
 
     def ask(self, asked: IoRequest) -> bytes:
-        """The bytes of `asked`, to be sent in one piece. RuntimeError while a reply is due."""
+        """Return the bytes of `asked`, to be sent at once. Raises RuntimeError while a reply is
+        due."""
         if self._asked is not None:
             raise RuntimeError(f"{self._asked} has not been answered yet")
         self._asked = asked
         return self._wire.encode(request(asked.body, asked.msg_type))
 
     def receive(self, data: bytes) -> int | None:
-        """Take what arrived: the value that was read (0 after a write), None while incomplete.
+        """Process received bytes; return the value read (0 after a write), None while incomplete.
 
-        Raises IoRefusedError when the controller says no, IoConnectionError for anything that is
-        not the reply to the request.
+        Raises IoRefusedError if the controller refuses, IoConnectionError for anything but the
+        reply to the request.
         """
         reader = self._reader
         reader.feed(data)
@@ -208,7 +209,7 @@ class IoExchange:
 def _result(asked: IoRequest, message: Message) -> int:
     body = message.body
     if isinstance(body, MotionReply):
-        # So the I/O server answers what it does not understand: result and subcode come first.
+        # The I/O server's reply to what it does not understand: result and subcode come first.
         words = reply_in_words(asked.msg_type, body.group, body.sequence)
         raise IoRefusedError(f"{asked}: {words}", body.sequence)
     if (
@@ -234,8 +235,8 @@ class IoClient:
     """Reads and writes inputs, outputs and registers; blocking, for any number of threads.
 
     Connects with the first call, and again with the next call after a connection was lost. A call
-    raises CommandError before anything is sent, IoRefusedError when the controller says no,
-    IoConnectionError when there is no answer (then a write may have happened or not), and
+    raises CommandError before anything is sent, IoRefusedError if the controller refuses,
+    IoConnectionError if it does not answer (a write may then have happened or not), and
     NotOpenError after `close`.
     """
 
@@ -248,8 +249,8 @@ class IoClient:
     ) -> None:
         """`byte_order` is that of the controller's CPU: "big" on FS100, else "little".
 
-        `timeout_s` bounds the connecting, and the wait for a reply. OptionError for values
-        that cannot be.
+        `timeout_s` limits connecting, and the wait for a reply. Raises OptionError for invalid
+        values.
         """
         require(byte_order in _ORDERS, "byte_order", byte_order, f"one of {', '.join(_ORDERS)}")
         check_value("timeout_s", timeout_s, Annotated[float, TIMEOUT_S])
@@ -271,7 +272,7 @@ class IoClient:
         self._call(write_bit(address, value))
 
     def read_group(self, address: int) -> int:
-        """Eight bits as 0 to 255, the lowest first; group 1001 is bits 10010 to 10017."""
+        """Read eight bits as 0 to 255, the lowest first; group 1001 is bits 10010 to 10017."""
         return self._call(read_group(address))
 
     def write_group(self, address: int, value: int) -> None:
@@ -279,7 +280,7 @@ class IoClient:
         self._call(write_group(address, value))
 
     def read_register(self, register: int) -> int:
-        """An M register, 0 to 999, as 0 to 65535."""
+        """Read an M register, 0 to 999, as 0 to 65535."""
         return self._call(read_register(register))
 
     def write_register(self, register: int, value: int) -> None:
@@ -287,7 +288,7 @@ class IoClient:
         self._call(write_register(register, value))
 
     def close(self) -> None:
-        """Close the connection, after a call that is under way; later calls raise NotOpenError."""
+        """Close the connection after any running call; later calls raise NotOpenError."""
         with self._lock:
             self._closed = True
             self._drop()
@@ -321,7 +322,7 @@ class IoClient:
     def _connected(self) -> socket.socket:
         link = self._socket
         if link is not None:
-            # Nothing is due: what can be read is the end of the connection, or stray bytes.
+            # Nothing is due: readable bytes are the end of the connection, or stray.
             link.setblocking(False)
             try:
                 link.recv(1, socket.MSG_PEEK)

@@ -1,4 +1,4 @@
-"""Base of the three ways to move a robot by MotoROS."""
+"""Base of the three ways to move a robot through MotoROS."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from cardan.protocols.simple_message.messages import JointTrajPtFull, Message, M
 from cardan.types import RobotCommand
 
 POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
-"""MotoROS demands these and ignores accelerations."""
+"""Values that MotoROS requires; it ignores accelerations."""
 
 REST_TIMEOUT_S = 5.0
-"""Longest time to come to rest; servos lag by less than half a second."""
+"""Longest time to come to rest: servos lag by less than half a second."""
 
 REST_RAD_S = 1e-6
-"""Speed that counts as rest: rounding keeps a guide that follows positions from exact zero."""
+"""Speed that counts as rest: rounding keeps a limiter that follows positions from exact zero."""
 
 BRAKE_MARGIN_S = 1.0
-"""Time beside the ramp itself: for queues that are played out, and replies."""
+"""Time besides the ramp itself, for queued points and replies."""
 
 WAKING_S = 0.06
-"""After the first point statuses may still be from before it: two cycles of them."""
+"""Time after the first point in which statuses may still be older: two of their cycles."""
 
 READY_S = 0.1
-"""After START_TRAJ_MODE the status may lag behind its reply: the inputs are polled every 10 ms, the
+"""Lag of the status behind the reply to START_TRAJ_MODE: inputs are polled every 10 ms, and the
 state is sent every 25 ms."""
 
 START_TRIES = 3
-"""Tries of point 0, made of feedback: a sagging arm's differs from the commanded position."""
+"""Attempts for point 0, made from feedback: a sagging arm's differs from the commanded position."""
 
 
 @dataclass(slots=True)
@@ -54,31 +54,31 @@ class MotionCounters:
     """Counts of command outcomes since the driver was opened."""
 
     commands: int = 0
-    """Points or velocities that were sent."""
+    """Points or velocities sent."""
     underruns: int = 0
-    """Times that the controller's queue had run empty in the middle of a motion."""
+    """Times that the controller's queue ran empty during a motion."""
     busy_replies: int = 0
     resent_points: int = 0
     queue_count: int = 0
-    """Increments in the controller's queue, when it was last asked."""
+    """Increments in the controller's queue at the last query."""
     restarts: int = 0
     """Trajectories restarted at standstill because their times had become too large."""
     replaced: int = 0
-    """Feedbacks in velocity mode by which the commanded position was set nearer to the arm's."""
+    """Feedback messages in velocity mode that moved the commanded position towards the arm's."""
     skipped_instants: int = 0
     """Command periods that this computer missed."""
     speed_limited: int = 0
-    """Replies that say that the controller limited a speed."""
+    """Replies that report that the controller limited a speed."""
     acceleration_limited: int = 0
     range_limited: int = 0
     overwritten: int = 0
-    """Velocity commands that a newer one replaced before the controller used them."""
+    """Velocity commands replaced by a newer one before the controller used them."""
     command_age_s: float = 0.0
-    """Age of the newest command that was asked about, when the controller first used it."""
+    """Age of the newest queried command when the controller first used it."""
 
 
 class MotionRecord:
-    """Rows of commands and feedback, kept in memory and written when all is over."""
+    """Rows of commands and feedback, kept in memory and written at the end."""
 
     HEADER = ("monotonic_s", "kind")
 
@@ -95,12 +95,12 @@ class MotionRecord:
         measured: tuple[float, ...],
         queue_count: int,
     ) -> None:
-        """Note one row; without a path nothing is kept."""
+        """Add a row; without a path nothing is kept."""
         if self.path:
             self.rows.append((time_s, kind, commanded, measured, queue_count))
 
     def write(self) -> None:
-        """Write the file, where one was asked for. CardanError when that fails."""
+        """Write the file, if a path was given. Raises CardanError if that fails."""
         if not self.path:
             return
         numbers = range(1, self._joints + 1)
@@ -129,35 +129,35 @@ class MotionParts(NamedTuple):
     requests: MotionRequests
     feed: StateFeed
     guide: JointTrajectoryLimiter
-    """The limiter, with the limits that hold for this motion."""
+    """Limiter with the limits of this motion."""
     counters: MotionCounters
     record: MotionRecord
 
 
 class MotorosMotion(ABC):
-    """A use of a mode of the controller, from its start to the end of motion.
+    """A period of motion in one of the controller's modes.
 
-    The session calls `advance` when `next_s` has come, answers each control instant that `due`
-    reports with `command`, and looks at `ended`. Replies come through the requests' callbacks.
+    The session calls `advance` at `next_s`, answers each control instant that `due` reports with
+    `command`, and checks `ended`. Replies come through the requests' callbacks.
     """
 
     nominal_s: float
     """Time between two control instants, s."""
     feeds_at_rest = False
-    """Whether the controller needs commands even at standstill."""
+    """True if the controller needs commands even at standstill."""
 
     def __init__(self, parts: MotionParts) -> None:
         self.options = parts.options
         self.ended = ""
-        """Reason why motion is over; empty while it is not."""
+        """Reason why motion ended; empty before."""
         self.unexplained = False
-        """Whether the controller can tell more about what `ended` says."""
+        """True if the controller can give more details about `ended`."""
         self.waiting = ""
         """Reason why commands do not act yet; empty when they do."""
         self.next_s = math.inf
         """Time of the next call of `advance`."""
         self._acting_s = math.inf
-        """A status later than this must say that the drives have power."""
+        """Time from which on a status must report that the drives have power, s."""
         self.topics: list[Message] = []
         """Messages to send at once, in order."""
         self._requests, self._feed, self._guide = parts.requests, parts.feed, parts.guide
@@ -166,7 +166,7 @@ class MotorosMotion(ABC):
 
     @property
     def at_rest(self) -> bool:
-        """True while standing still is what is commanded."""
+        """True while standstill is commanded."""
         return not self._guide.moving
 
     @abstractmethod
@@ -175,21 +175,22 @@ class MotorosMotion(ABC):
 
     @abstractmethod
     def due(self, now_s: float) -> float:
-        """The time since the control instant before, when one has come; else 0."""
+        """Return the time since the previous control instant when one has come, else 0."""
 
     @abstractmethod
     def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
-        """Answer the control instant. CommandError for an invalid command; nothing is sent then."""
+        """Answer the control instant. Raises CommandError for an invalid command; nothing is sent
+        then."""
 
     def wind_down(self) -> None:  # noqa: B027 - most have nothing to do
-        """Begin nothing new: only holds are commanded from now on."""
+        """Command only holds from now on."""
 
     @abstractmethod
     def settled(self, now_s: float) -> bool:
-        """True when all that was commanded has been played and ends at rest."""
+        """True when all commanded motion has been executed and ends at rest."""
 
     def ends_by_status(self) -> bool:
-        """True when the newest status says that commands do not act."""
+        """True when the newest status shows that commands do not act."""
         status = self._feed.status
         return (
             status is None
@@ -232,12 +233,13 @@ class MotorosMotion(ABC):
         positions: Iterable[float],
         velocities: Iterable[float] = (),
     ) -> JointTrajPtFull:
-        """A point of a trajectory; at rest without velocities."""
+        """Make a point of a trajectory; one without velocities is at rest."""
         return JointTrajPtFull(
             self.options.group,
             sequence,
             POINT_FIELDS,
-            # The controller cuts float32 seconds to whole ms; from the middle none is lost.
+            # The controller truncates float32 seconds to whole ms; from the middle of a ms none is
+            # lost.
             (time_ms + 0.5) * 1e-3,
             joints10(positions),
             joints10(velocities),
@@ -245,7 +247,8 @@ class MotorosMotion(ABC):
         )
 
     def _result(self, answer: Answer) -> MotionReply | None:
-        """The MotionReply in `answer` if it says success or busy; any other ends the motion."""
+        """Return the MotionReply in `answer` if it is success or busy; any other ends the
+        motion."""
         if not isinstance(answer, MotionReply):
             self.ended = "the controller answered with something else than a motion reply"
             return None
@@ -256,22 +259,23 @@ class MotorosMotion(ABC):
 
 
 class Trajectory(MotorosMotion):
-    """Motion by points: begins one where the robot stands, and sends point after point."""
+    """Motion by points: begins a trajectory at the robot's position, and sends point after
+    point."""
 
     busy_retry_s: float
-    """A point that the controller was too busy for is sent again after this."""
+    """Time after which a point is sent again if the controller was too busy for it."""
 
     def __init__(self, parts: MotionParts, now_s: float) -> None:
         super().__init__(parts)
         self._sequence = 0
         self._time_ms = 0
         self._resend: JointTrajPtFull | None = None
-        """The point that met a busy controller."""
+        """Point that the controller was too busy for."""
         self._placed = False
-        """Whether the guide stands where the controller was last commanded to be."""
+        """True if the limiter is at the controller's last commanded position."""
         self._tries = 0
         self._rest_since_s = now_s
-        """A status later than this may say that the robot rests."""
+        """Time from which on a status may report that the robot rests, s."""
         self._give_up_s = now_s + REST_TIMEOUT_S
 
     def _wait_for_rest(self, words: str, since_s: float) -> None:
@@ -298,7 +302,7 @@ class Trajectory(MotorosMotion):
         return False
 
     def _begin(self, now_s: float) -> None:
-        """Send point 0 from where the controller was commanded to be, or from the feedback."""
+        """Send point 0 at the controller's last commanded position, or at the measured one."""
         if not self._placed:
             self._guide.reset(self._feed.positions)
             self._placed = True
@@ -314,7 +318,7 @@ class Trajectory(MotorosMotion):
         self._requests.ask(point, self._replied)
 
     def _again(self) -> None:
-        """Send the point once more that met a busy controller."""
+        """Send the point again that the controller was too busy for."""
         if self._resend is not None:
             self._counters.resent_points += 1
             self._requests.ask(self._resend, self._replied)
@@ -350,8 +354,8 @@ class Trajectory(MotorosMotion):
 
     @abstractmethod
     def _refused(self, now_s: float) -> None:
-        """Point 0 was not where the controller stands."""
+        """React to a refused point 0: the controller is elsewhere."""
 
     @abstractmethod
     def _accepted(self, point: JointTrajPtFull, now_s: float) -> None:
-        """The controller has taken `point`."""
+        """Record that the controller has accepted `point`."""

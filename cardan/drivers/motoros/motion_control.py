@@ -37,11 +37,11 @@ Task = Literal["enable", "disable", "stop", "reset alarm", "servo on", "servo of
 IDLE_CHECK_S = 1.0
 """Period of the requests that check an idle motion connection."""
 STALL_S = 0.1
-"""After a longer pause of this computer the robot is no longer where it was commanded last."""
+"""Longest pause of this computer after which the robot is still where it was last commanded."""
 READING_S = 0.005
-"""Time to read what came during a pause of this computer."""
+"""Time to read messages that came during a pause of this computer."""
 BRAKE_CHECK_S = 0.004
-"""Period of the checks whether a braked robot has come to rest."""
+"""Period of checking whether a braked robot has come to rest."""
 STOP_TRIES = 5
 STOP_RETRY_S = 0.05
 """A controller refuses to leave trajectory mode while its queue is not empty."""
@@ -67,10 +67,10 @@ _CONTROLS: dict[str, MotionCommand] = {
 
 
 class MotionControl:
-    """The phases of motion on one control group, from the motion connection's start to its end.
+    """Phases of motion of one control group, from opening the motion connection to its end.
 
-    Requests go through `requests`; messages that get no reply come from `topics`.
-    Control instants are answered through `motion` while the phase is MOVING.
+    Requests go through `requests`; messages without a reply come from `topics`. While the phase is
+    MOVING, `motion` answers control instants.
     """
 
     by_points: ClassVar[type[Trajectory]] = PointStream
@@ -84,26 +84,27 @@ class MotionControl:
         self.record = MotionRecord(options.record, options.joints)
         self.phase = MotionPhase.DOWN
         self.motion: MotorosMotion | None = None
-        """Current motion, from START_*_MODE's reply to its end."""
+        """Current motion, from the reply to START_*_MODE to its end."""
         self.sessions = 0
-        """Motion connections and starts of motion; earlier targets are void when it changes."""
+        """Count of motion connections and motion starts; earlier targets are void when it
+        changes."""
         self.end_reason = ""
         """Reason that last ended or prevented motion; empty after a successful start."""
         self.ends: Counter[str] = Counter()
         """Counts of ends of motion, by reason."""
         self.velocity_info: VelocityInfo | None = None
-        """The controller's description of its velocity mode; None where it has none."""
+        """Controller's description of its velocity mode; None if it has none."""
         self.reply_pending = False
         """True between a state that takes a command and that command."""
         self.failure = ""
         """Reason why the motion connection cannot be used; empty while it can."""
         self.answer = ""
-        """Answer to the last control request, where it failed."""
+        """Failed answer to the last control request."""
         self._topics: list[Message] = []
         self._velocity: bool | None = None
-        """Whether the velocity mode is used; None until the controller was asked."""
+        """True if velocity mode is used; None until the controller has answered."""
         self._after: list[MotionCommand] = []
-        """Requests that follow the braking."""
+        """Requests to send after braking."""
         self._stop_tries = 0
         self._stop_s = math.inf
         self._brake_until_s = math.inf
@@ -112,17 +113,17 @@ class MotionControl:
         self._reading_until_s = NEVER_S
         self._start_once = options.enable == "at-start"
         self._asked_early = False
-        """Enabled while the connection was being set up."""
+        """True if motion was enabled while the connection was being set up."""
 
     @property
     def uses_velocity(self) -> bool:
-        """Whether the velocity mode is used, as far as known."""
+        """True if velocity mode is used, as far as known."""
         mode = self.options.mode
         return mode == "velocity" or (mode == "auto" and bool(self._velocity))
 
     @property
     def braking_s(self) -> float:
-        """Longest time from now until the robot rests; 0 while nothing moves."""
+        """Longest time until the robot rests, s; 0 while nothing moves."""
         return 0.0 if self.motion is None else self.motion.braking_s
 
     @property
@@ -144,7 +145,7 @@ class MotionControl:
         return found
 
     def topics(self) -> list[Message]:
-        """Messages to send at once, in order, before any request."""
+        """Return messages to send at once, in order, before any request."""
         found, self._topics = self._topics, []
         if self.motion is not None:
             found += self.motion.topics
@@ -154,16 +155,16 @@ class MotionControl:
     # -- the motion connection --------------------------------------------------------------------
 
     def connected(self) -> None:
-        """The motion connection was opened."""
+        """Start after the motion connection was opened."""
         self.requests.reset()
         self.failure = ""
         self.sessions += 1
         self.phase = MotionPhase.GREETING
-        # Points that a previous connection left in the queue must not be played.
+        # Points that a previous connection left in the queue must not be executed.
         self.requests.control(MotionCommand.STOP_MOTION, self._stopped)
 
     def disconnected(self, reason: str, now_s: float) -> None:
-        """The motion connection was lost."""
+        """Stop after the motion connection was lost."""
         self.requests.reset()
         self._topics.clear()
         self._asked_early = False
@@ -187,13 +188,13 @@ class MotionControl:
             self.requests.control(MotionCommand.CHECK_MOTION_READY, self._checked)
 
     def _probed(self, answer: Answer, now_s: float) -> None:
-        """Use velocity mode where the controller knows the message."""
+        """Use velocity mode if the controller knows the message."""
         self._velocity = isinstance(answer, VelocityInfo)
         self.velocity_info = answer if isinstance(answer, VelocityInfo) else None
         self.requests.control(MotionCommand.CHECK_MOTION_READY, self._checked)
 
     def _checked(self, answer: Answer, now_s: float) -> None:
-        """The connection works; every status says whether motion is ready."""
+        """Record that the connection works; every status tells whether motion is ready."""
         self._check_s = now_s + IDLE_CHECK_S
         if self.phase is MotionPhase.GREETING:
             self.phase = MotionPhase.IDLE
@@ -212,11 +213,11 @@ class MotionControl:
     # -- time and states --------------------------------------------------------------------------
 
     def live(self, now_s: float) -> bool:
-        """True while states come; those that came in a pause of this computer count."""
+        """True while states come; those that came during a pause of this computer count."""
         return self.feed.live(now_s) or now_s < self._reading_until_s
 
     def advance(self, now_s: float) -> None:
-        """Do what is due; `failure` then says whether a reply is overdue."""
+        """Do what is due; `failure` then tells whether a reply is overdue."""
         paused_s = now_s - self._advanced_s
         if paused_s > STATE_PERIOD_S and self.feed.live(self._advanced_s):
             self._reading_until_s = now_s + READING_S
@@ -241,7 +242,7 @@ class MotionControl:
             self._leave(now_s)
 
     def status_received(self, now_s: float) -> None:
-        """Act on a new status."""
+        """React to a new status."""
         motion = self.motion
         if motion is None:
             return
@@ -250,22 +251,23 @@ class MotionControl:
             words = "" if status is None else status_in_words(status)
             self.over(words or "the controller does not allow motion any more", now_s)
             if status is None or not status_in_words(status._replace(motion_possible=1)):
-                # The status alone does not tell HOLD from a stopped job or a collaborative stop.
+                # The status alone does not distinguish HOLD from a stopped job or a collaborative
+                # stop.
                 self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learned)
             return
         motion.advance(now_s)
         self.proceed(now_s)
 
     def _hold(self, motion: MotorosMotion, now_s: float) -> None:
-        """Command zero speed at a control instant for which the application is not asked."""
+        """Command zero speed at a control instant without a command from the application."""
         period_s = motion.due(now_s)
-        # A stream that rests is left to run out.
+        # A stream at rest may run out.
         over = self.phase is MotionPhase.BRAKING and motion.at_rest and not motion.feeds_at_rest
         if period_s and not over:
             motion.command(HoldCommand(), period_s, now_s)
 
     def proceed(self, now_s: float) -> None:
-        """Act on a motion that has ended or come to rest."""
+        """React to a motion that has ended or come to rest."""
         motion = self.motion
         if motion is None:
             return
@@ -276,7 +278,7 @@ class MotionControl:
         elif self.phase is MotionPhase.BRAKING and (
             motion.settled(now_s) or now_s >= self._brake_until_s
         ):
-            # The last command, of zero speed, goes before what leaves the mode.
+            # The last command, of zero speed, is sent before the mode is left.
             self._topics += motion.topics
             self.motion = None
             self.reply_pending = False
@@ -288,7 +290,7 @@ class MotionControl:
     # -- requests of the application --------------------------------------------------------------
 
     def ask(self, task: Task, now_s: float) -> None:
-        """Do one of the tasks that only the application may request."""
+        """Execute a task that only the application may request."""
         if task == "enable":
             self.enable(now_s)
         elif task == "disable":
@@ -308,10 +310,10 @@ class MotionControl:
                     self._after.append(command)
                 else:
                     self.brake("the servos were switched off", now_s, (command,))
-            # Alarms and servos that are off would have ended the motion.
+            # Alarms, or servos switched off, would have ended the motion.
 
     def enable(self, now_s: float) -> None:
-        """Start motion. A controller that is not connected is not asked later instead."""
+        """Start motion. Without a connection the request is refused, not deferred."""
         phase = self.phase
         if phase is MotionPhase.GREETING:
             self._asked_early = True
@@ -330,7 +332,7 @@ class MotionControl:
                 self.requests.control(MotionCommand.START_TRAJ_MODE, self._started)
 
     def _lacking(self) -> str:
-        """Reason why a start would fail; empty: none known."""
+        """Return why a start would fail; empty if no reason is known."""
         if self.options.mode == "velocity" and not self._velocity:
             return "the controller has no velocity mode; set mode to stream or auto"
         if self.feed.other_axis:
@@ -378,7 +380,6 @@ class MotionControl:
         return agreed_limits(self.options.limits, self.velocity_info)
 
     def disable(self, now_s: float) -> None:
-        """Brake along a ramp, then leave the controller's mode."""
         self._start_once = self._asked_early = False
         if self.phase is MotionPhase.STARTING:
             self.phase = MotionPhase.LEAVING
@@ -391,20 +392,20 @@ class MotionControl:
 
     def stop(self, now_s: float) -> None:
         """STOP_MOTION at once: a trajectory's command stops dead, velocity mode ramps down at the
-        controller's own acceleration. A reply that is awaited comes first."""
+        controller's own acceleration. A pending reply comes first."""
         self._start_once = self._asked_early = False
         if self.phase in (MotionPhase.DOWN, MotionPhase.GREETING):
             return
         self.over("motion was stopped", now_s, stop=True)
 
     def leave(self, now_s: float) -> None:
-        """Brake and leave the controller's mode, because the application ends its loop."""
+        """Brake and leave the controller's mode, because the application ended its loop."""
         if self.phase in (MotionPhase.GREETING, MotionPhase.STARTING, MotionPhase.MOVING):
             self.disable(now_s)
 
     @property
     def left(self) -> bool:
-        """True when nothing is left to be sent to the controller."""
+        """True when nothing remains to be sent to the controller."""
         phase = self.phase
         return phase in (MotionPhase.DOWN, MotionPhase.GREETING) or (
             phase is MotionPhase.IDLE and self.requests.idle
@@ -412,7 +413,8 @@ class MotionControl:
 
     @property
     def _stop_commands(self) -> tuple[MotionCommand, ...]:
-        """Commands that leave the modes; leaving velocity mode does not leave trajectory mode."""
+        """Return commands that leave the modes; leaving velocity mode does not leave trajectory
+        mode."""
         trajectory = MotionCommand.STOP_TRAJ_MODE
         if self.uses_velocity:
             return MotionCommand.STOP_VEL_MODE, trajectory
@@ -427,7 +429,7 @@ class MotionControl:
     # -- the end of motion ------------------------------------------------------------------------
 
     def brake(self, reason: str, now_s: float, after: tuple[MotionCommand, ...] = ()) -> None:
-        """Bring the robot to rest along a ramp; motion needs to be enabled again afterwards."""
+        """Bring the robot to rest along a ramp; motion must then be enabled again."""
         motion = self.motion
         if motion is None:
             return
@@ -437,8 +439,8 @@ class MotionControl:
             self._brake_until_s = now_s + motion.braking_s
             self.reply_pending = False
             motion.wind_down()
-            # Velocity mode is left in any case, for its watchdog would call the silence a fault. A
-            # trajectory's queue has run empty by then; if it has not, it is emptied.
+            # Velocity mode is left in any case, because its watchdog would report the silence as a
+            # fault. A trajectory's queue has run empty by then; if not, it is emptied.
             velocity = self.uses_velocity
             stop = MotionCommand.STOP_VEL_MODE if velocity else MotionCommand.STOP_MOTION
             self._after = [stop]
@@ -451,7 +453,7 @@ class MotionControl:
         moving = self.motion is not None
         self._finish(reason, now_s)
         if moving or stop:
-            # Nothing that is still queued may be played when the cause has gone.
+            # Queued points must not be executed once the cause has gone.
             self.requests.control(MotionCommand.STOP_MOTION, _ignore)
 
     def _finish(self, reason: str, now_s: float) -> None:
@@ -479,7 +481,7 @@ class MotionControl:
         self.ends[reason] += 1
 
     def _leave(self, now_s: float) -> None:
-        """Ask for what is to be done after the braking, one after the other."""
+        """Queue the requests that follow the braking, one after the other."""
         self._stop_s = math.inf
         if not self._after:
             self.phase = MotionPhase.IDLE
@@ -511,7 +513,7 @@ class MotionControl:
             lacking = self._lacking()
             if lacking:
                 return lacking
-            # A reply may have ended motion first; what the status says by now is more exact.
+            # A reply may have ended motion first; the present status is more exact.
             found = self._stopped_by() or self.end_reason
             return f"{found} (enable motion again)" if found else "motion is not enabled"
         if phase in (MotionPhase.BRAKING, MotionPhase.LEAVING):
@@ -519,7 +521,7 @@ class MotionControl:
         return str(phase.value)
 
     def _stopped_by(self) -> str:
-        """Changes needed at the robot before motion can be enabled."""
+        """Return what must be changed at the robot before motion can be enabled."""
         status = self.feed.status
         if status is None or status.motion_possible == 1:
             return ""

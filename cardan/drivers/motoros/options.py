@@ -33,10 +33,10 @@ START_TIMEOUT_S = Range(0.1, 60.0, "s", "servos are on and a job is started soon
 
 @dataclass(frozen=True)
 class MotorosOptions(Options):
-    """Options of :class:`Motoros`. Joints in rad, base to tool, as MotoROS sends them."""
+    """Options of :class:`Motoros`. Joints are in rad, base to tool, as in MotoROS."""
 
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
-    """The robot controller."""
+    """Address of the robot controller."""
     motion_port: Annotated[int, bounds.PORT] = MOTION_PORT
     """Motion: commands and their replies."""
     state_port: Annotated[int, bounds.PORT] = STATE_PORT
@@ -44,11 +44,11 @@ class MotorosOptions(Options):
     io_port: Annotated[int, bounds.PORT] = IO_PORT
     """Inputs and outputs."""
     robot: Annotated[str, bounds.ARM_FILE] = "gp8"
-    """An arm's name, or the path of a .toml or .urdf file; number of joints and limits are its."""
+    """An arm's name, or the path of a .toml or .urdf file, for the joints and their limits."""
     velocity_rad_s: tuple[Annotated[float, bounds.JOINT_SPEED_RAD_S], ...] = ()
-    """Own highest joint speeds; empty: the arm's."""
+    """Highest joint speeds; empty: the arm's."""
     acceleration_rad_s2: tuple[Annotated[float, bounds.JOINT_ACCELERATION_RAD_S2], ...] = ()
-    """Own highest joint accelerations; empty: the arm's. MotoROS itself limits none."""
+    """Highest joint accelerations; empty: the arm's. MotoROS itself has no such limit."""
     speed_share: Annotated[float, bounds.SHARE] = 1.0
     """Share of the highest speeds that is used, above 0 to 1."""
     group: Annotated[int, GROUP] = 0
@@ -57,32 +57,34 @@ class MotorosOptions(Options):
     """velocity: joint speeds to a controller with the velocity mode. stream: one endless trajectory
     with a shallow queue, for any MotoROS. auto: velocity where the controller has it, or stream."""
     enable: Literal["on-request", "at-start"] = "on-request"
-    """at-start: motion is enabled once, after the first connection; never by itself again."""
+    """at-start: motion is enabled once, after the first connection, and never again
+    automatically."""
     byte_order: Literal["auto", "little", "big"] = "auto"
-    """auto: from the first message on the state port. FS100 is big, all others are little."""
+    """auto: learned from the first message on the state port. FS100 is big, all others are
+    little."""
     command_period_s: Annotated[float, COMMAND_PERIOD_S] = 0.004
     """Time between two commands in velocity mode."""
     watchdog_ms: Annotated[int, WATCHDOG_MS] = 100
-    """Velocity mode: time without a command after which the controller brakes."""
+    """Time without a command after which the controller brakes in velocity mode."""
     point_spacing_s: Annotated[float, SPACING_S] = 0.020
     """Time between two points of a stream; rounded to a whole number of `ipc_s`."""
     queue_low: Annotated[int, QUEUE_LOW] = 3
-    """Increments left in the controller's queue at which the next point is computed, plus those of
-    the time that two replies take."""
+    """Increments left in the controller's queue at which the next point is computed; those executed
+    during two replies are added."""
     ipc_s: Annotated[float, IPC_S] = 0.004
     """The controller's interpolation period: whole ms, usually 4."""
     reply_every: Annotated[int, REPLY_EVERY] = 25
-    """Velocity mode: one in this many commands requests what the controller had to limit."""
+    """Velocity mode: one in this many commands queries what the controller had to limit."""
     state_timeout_s: Annotated[float, STATE_TIMEOUT_S] = 3.0 * STATE_PERIOD_S
     """Time without a state after which the link is LOST."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 0.5
-    """A reply that takes longer ends the connection."""
+    """Longest wait for a reply; then the connection is closed."""
     start_timeout_s: Annotated[float, START_TIMEOUT_S] = 12.0
-    """Longest start of motion: the controller may have to switch servos on and start a job."""
+    """Longest start of motion: the controller may need to switch servos on and start a job."""
     trust_velocity: bool = False
     """Report the controller's own joint speeds, which lag and have had wrong signs."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.4
-    """The longest that the arm is behind its command in good order: the controller's filter and
+    """Longest normal lag of the arm behind its command, due to the controller's filter and
     servos."""
     record: Annotated[str, bounds.PATH] = ""
     """A CSV file for commands and feedback, written at close, in times of
@@ -123,12 +125,12 @@ class MotorosOptions(Options):
 
     @property
     def joints(self) -> int:
-        """How many the arm has."""
+        """Number of joints of the arm."""
         return len(load_arm(self.robot).joints)
 
     @property
     def limits(self) -> JointLimits:
-        """Limits that every command is kept within."""
+        """Limits of every command."""
         own = load_arm(self.robot).limits
         return own.reduced(self.velocity_rad_s, self.acceleration_rad_s2, self.speed_share)
 
@@ -144,5 +146,5 @@ class MotorosOptions(Options):
 
     @property
     def known_byte_order(self) -> ByteOrder | None:
-        """None: to be learned from the state port."""
+        """Byte order; None: to be learned from the state port."""
         return {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}.get(self.byte_order)

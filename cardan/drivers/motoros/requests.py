@@ -32,7 +32,7 @@ from cardan.protocols.simple_message.messages import (
 MotorosRequest = MotionCtrl | JointTrajPtFull | JointVelocity | VelocityInfoRequest
 Answer = MotionReply | VelocityInfo
 Then = Callable[[Answer, float], None]
-"""Gets the reply and the time of its reception."""
+"""Called with the reply and the time of its reception."""
 
 SEQUENCES = 1 << 31
 
@@ -45,23 +45,23 @@ SLOW = frozenset(
         MotionCommand.START_VEL_MODE,
     }
 )
-"""Commands that wait for the robot: with the long time-out, and left out of the latencies."""
+"""Commands that wait for the robot: they have the long timeout, and no effect on the latencies."""
 
 
 class _Asked(NamedTuple):
     body: MotorosRequest
     command: int
-    """Value that a reply must name: a MotionCommand or the type of the message."""
+    """Value that the reply must name: a MotionCommand or the type of the message."""
     sequence: int
     then: Then
     slow: bool
 
 
 class MotionRequests:
-    """Queue of requests, because MotoROS loses bytes of a second one sent before its reply.
+    """Queue of requests, because MotoROS loses bytes of a request sent before the previous reply.
 
     A reply is trusted only if it names the command and the sequence number of its request: MotoROS
-    answers a command that it does not know with the reply before it.
+    answers an unknown command with the previous reply.
     """
 
     def __init__(self, group: int, timeout_s: float = 0.5, slow_timeout_s: float = 12.0) -> None:
@@ -78,21 +78,21 @@ class MotionRequests:
 
     @property
     def idle(self) -> bool:
-        """True when nothing is asked or waits to be."""
+        """True when no request is pending or queued."""
         return self._asked is None and not self._waiting
 
     @property
     def deadline_s(self) -> float:
-        """Time at which the awaited reply is overdue; infinite while none is awaited."""
+        """Time at which the awaited reply is overdue, s; infinite while none is awaited."""
         asked = self._asked
         if asked is None:
             return math.inf
         return self.asked_s + (self._slow_timeout_s if asked.slow else self._timeout_s)
 
-    # -- asking -----------------------------------------------------------------------------------
+    # -- requests ----------------------------------------------------------------------------------
 
     def ask(self, body: JointTrajPtFull | JointVelocity | VelocityInfoRequest, then: Then) -> None:
-        """Queue a request; `then` gets its reply."""
+        """Queue a request; `then` is called with its reply."""
         if isinstance(body, VelocityInfoRequest):
             kind, sequence = MessageType.MOTO_VELOCITY_INFO, -1
         elif isinstance(body, JointVelocity):
@@ -102,24 +102,24 @@ class MotionRequests:
         self._waiting.append(_Asked(body, kind, sequence, then, False))
 
     def control(self, command: MotionCommand, then: Then, data: Joints = ZEROS) -> None:
-        """Queue a MOTION_CTRL with a sequence number of its own."""
+        """Queue a MOTION_CTRL with its own sequence number."""
         self._sequence = (self._sequence + 1) % SEQUENCES
         body = MotionCtrl(self.group, self._sequence, command, data)
         self._waiting.append(_Asked(body, command, self._sequence, then, command in SLOW))
 
     def drop(self) -> None:
-        """Forget what waits to be asked; a reply that is awaited will be checked and dropped."""
+        """Discard queued requests; an awaited reply will be checked and dropped."""
         self._waiting.clear()
         if self._asked is not None:
             self._asked = self._asked._replace(then=_ignore)
 
     def reset(self) -> None:
-        """Begin a new connection."""
+        """Restart for a new connection."""
         self._waiting.clear()
         self._asked = None
 
     def take(self, now_s: float) -> Message | None:
-        """The request to send now; None while a reply is awaited or nothing is to be asked."""
+        """Return the request to send now; None while a reply is awaited or nothing is queued."""
         if self._asked is not None or not self._waiting:
             return None
         self._asked = asked = self._waiting.popleft()
@@ -129,7 +129,8 @@ class MotionRequests:
     # -- replies ----------------------------------------------------------------------------------
 
     def received(self, message: Message | MalformedMessage, now_s: float) -> str:
-        """Process received messages; "" or why this connection cannot be trusted any more."""
+        """Process received messages; return why this connection cannot be trusted any more, or
+        ""."""
         asked = self._asked
         if isinstance(message, MalformedMessage):
             return f"a bad message: {message.reason}"
@@ -156,7 +157,7 @@ class MotionRequests:
             return ""
         if not isinstance(body, MotionReply):
             return f"the answer to {name} is {name_of(MessageType, message.msg_type)}"
-        # The controller names itself "group -1, sequence -1" where it did not understand.
+        # The controller sends "group -1, sequence -1" if it did not understand the request.
         not_understood = body.result == MotionResult.INVALID and body.sequence == -1
         own_type = body.command == request(asked.body).msg_type
         if not_understood and own_type:
@@ -168,7 +169,7 @@ class MotionRequests:
         return ""
 
     def overdue(self, now_s: float) -> str:
-        """Message about a request that was not answered in time; "" if none."""
+        """Return a message about a request that was not answered in time; "" if there is none."""
         asked = self._asked
         if asked is None or now_s < self.deadline_s:
             return ""

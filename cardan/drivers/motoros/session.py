@@ -1,7 +1,7 @@
-"""The PC's side of a MotoROS controller without sockets and clocks.
+"""Client side of the connections to a MotoROS controller, without sockets and clocks.
 
-The state and the motion connection form one session, because the state port tells what may be
-requested on the motion port.
+State and motion connection form one session, because the state port tells which requests the motion
+port accepts.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from cardan.types import (
 )
 
 WAKE_S = 0.09
-"""Longest gap between states that cycles() yields: 0.1 s, with a margin for a late computer."""
+"""Longest gap between states of cycles(): 0.1 s, with a margin for a late computer."""
 
 
 class MotorosSession(TcpSession[Channel, Task]):
@@ -66,7 +66,7 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """Supported commands. Until a controller was asked, "auto" counts as a stream."""
+        """Supported commands. Until the controller has answered, "auto" counts as a stream."""
         options = self.options
         if self.control.uses_velocity:
             period_s = options.command_period_s
@@ -99,7 +99,8 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def sessions(self) -> int:
-        """Motion connections and starts of motion; earlier targets are void when it changes."""
+        """Count of motion connections and motion starts; earlier targets are void when it
+        changes."""
         return self.control.sessions
 
     # -- connections ------------------------------------------------------------------------------
@@ -108,7 +109,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         link = self._links[channel]
         if link.up or now_s < link.retry_s:
             return False
-        # Only the state port tells the byte order that requests must have.
+        # The state port reveals the byte order of requests.
         return channel == "state" or (self.feed.live(now_s) and self.feed.byte_order is not None)
 
     def connected(self, channel: Channel, now_s: float) -> None:
@@ -162,7 +163,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         self._flush(now_s)
 
     def _look(self, now_s: float) -> None:
-        """Act on what the state port has said."""
+        """React to the state port's messages."""
         feed = self.feed
         if feed.feedbacks != self._recorded:
             self._recorded = feed.feedbacks
@@ -184,7 +185,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         return self._retry_before(found, self._advanced_s)
 
     def advance(self, now_s: float) -> None:
-        """Do what is due: time-outs, polls, points, ramps."""
+        """Do what is due: timeouts, polls, points, ramps."""
         self._advanced_s = now_s
         self.control.advance(now_s)
         if self.control.failure:
@@ -192,7 +193,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         self._flush(now_s)
 
     def _flush(self, now_s: float) -> None:
-        """Move what is to be sent into the outbox."""
+        """Move messages to send to the outbox."""
         self._send_topics()
         if not self._links["motion"].up or self._wire is None:
             return
@@ -213,30 +214,29 @@ class MotorosSession(TcpSession[Channel, Task]):
         self._flush(now_s)
 
     def enable(self, now_s: float) -> None:
-        """Start motion. A controller that is not connected is not asked later instead."""
+        """Start motion. Without a connection the request is refused, not deferred."""
         self.control.enable(now_s)
         self._flush(now_s)
 
     def disable(self, now_s: float) -> None:
-        """Brake along a ramp, then leave the controller's mode."""
         self.control.disable(now_s)
         self._flush(now_s)
 
     def stop(self, now_s: float) -> None:
         """STOP_MOTION at once: a trajectory's command stops dead, velocity mode ramps down at the
-        controller's own acceleration. A reply that is awaited comes first."""
+        controller's own acceleration. A pending reply comes first."""
         self.control.stop(now_s)
         self._flush(now_s)
 
     def leave(self, now_s: float) -> None:
-        """Brake and leave the controller's mode, because the application ends its loop."""
         self.control.leave(now_s)
         self._flush(now_s)
 
     # -- the control loop -------------------------------------------------------------------------
 
     def due_state(self, now_s: float) -> RobotState | None:
-        """The state to report now; None while no control instant has come and nothing is new."""
+        """Return the state to report now; None if no control instant has come and nothing is
+        new."""
         feed = self.feed
         if not self.control.live(now_s):
             if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
@@ -301,7 +301,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         self._flush(now_s)
 
     def check(self, command: RobotCommand) -> None:
-        """Raise CommandError for a command of a wrong kind or length, or without sensible numbers.
+        """Raise CommandError for a command of a wrong kind or length, or with implausible numbers.
 
         Commands beyond the limits are limited, not refused.
         """
@@ -318,7 +318,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         return control.hold_reason
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
         feed = self.feed
         quiet = ""
         if not feed.live(now_s):
@@ -326,11 +325,10 @@ class MotorosSession(TcpSession[Channel, Task]):
         return findings(self.control, quiet, self.hold_reason)
 
     def protocol_errors(self) -> dict[str, int]:
-        """Messages on the state port that could not be used."""
+        """Messages of the state port that could not be used, by kind."""
         return {"malformed": sum(self.feed.ignored.values())}
 
     def metrics(self, now_s: float) -> dict[str, float]:
-        """Live figures."""
         counters, latency = self.control.counters, self.requests.latency
         return {
             "feedback_age_s": max(0.0, now_s - self.feed.feedback_s)

@@ -10,20 +10,20 @@ from cardan.drivers.tcp_robot import ConnectionState
 
 
 def no_motion_connection(options: MotorosOptions, link: ConnectionState, end_reason: str) -> str:
-    """Explain why there is no motion connection, and why motion ended before."""
+    """Explain why there is no motion connection, and why earlier motion ended."""
     end = f"{end_reason}; " if end_reason else ""
     port = options.motion_port
     return f"{end}no connection to port {port}" + (f": {link.reason}" if link.reason else "")
 
 
 def silence(options: MotorosOptions, feed: StateFeed, link: ConnectionState, now_s: float) -> str:
-    """Explain why no fresh state is known; `link` is the state port's."""
+    """Explain why there is no fresh state; `link` is the state port's."""
     if link.reason:
         return f"no connection to port {options.state_port}: {link.reason}"
     if not link.up:
         return f"connecting to {options.host}:{options.state_port}"
     heard_s = max(min(feed.status_s, feed.feedback_s), link.since_s)
-    # Where the status comes and the feedback does not, the controller lacks the group.
+    # If the status comes and the feedback does not, the controller lacks the group.
     missing = "state"
     if feed.status_s > feed.feedback_s:
         missing = f"feedback of group {options.group}"
@@ -31,9 +31,9 @@ def silence(options: MotorosOptions, feed: StateFeed, link: ConnectionState, now
 
 
 def findings(control: MotionControl, quiet: str, hold_reason: str) -> tuple[str, ...]:
-    """Problems, and what else deserves attention, worst first.
+    """Return problems and other warnings, worst first.
 
-    `quiet` says why no fresh state is known; empty when one is.
+    `quiet` is the reason why there is no fresh state; empty if there is one.
     """
     found: list[str] = []
     feed = control.feed

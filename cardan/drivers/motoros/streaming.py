@@ -1,12 +1,10 @@
-"""Stock MotoROS as a stream: one endless trajectory whose queue is kept shallow.
+"""Streaming to stock MotoROS: one endless trajectory whose queue is kept shallow.
 
-A controller cannot replace a trajectory by another without standing still in between, and it
-takes up to 0.8 s of points before it says that it is busy. So there is one trajectory, and its
-next point is computed when the queue has nearly run empty: the robot is the clock.
-
-The stream goes on with equal points while nothing moves. To stop it would be no safer (a MotoROS
-without points stands as still as one with equal points), and to begin it anew takes a robot that
-rests, which its servos need 0.2 to 0.5 s for.
+A controller cannot replace a trajectory by another without a standstill in between, and it accepts
+up to 0.8 s of points before it reports busy. Therefore there is one trajectory, and its next point
+is computed when the queue has nearly run empty: the robot is the clock. The stream continues with
+equal points while nothing moves. Stopping it would be no safer (without points MotoROS stands as
+still), and a restart requires a robot at rest, for which its servos need 0.2 to 0.5 s.
 """
 
 from __future__ import annotations
@@ -22,30 +20,30 @@ from cardan.protocols.simple_message.messages import JointTrajPtFull
 from cardan.types import HoldCommand, RobotCommand
 
 STANDS_STILL_S = 0.5
-"""Time without a shorter queue after which it counts as not being played."""
+"""Time without a shorter queue after which it counts as not being executed."""
 SLOW_REPLY_S = 0.02
-"""Round trip beyond which a reply does not tell how much has been played."""
+"""Longest round trip whose reply still tells how much has been executed."""
 RTT_MEMORY = 0.95
 """Share of the longest round trip that is kept at the next one."""
 EMPTY_WITHIN_S, EMPTY_TIMES = 10.0, 3
-"""A stream that ran empty EMPTY_TIMES times in this time is given up."""
+"""Time in which a stream that ran empty EMPTY_TIMES times is given up."""
 
 LAST_TIME_MS = 8_150_000
-"""Beyond 8192 s float32 cannot tell two ms apart any more."""
+"""Longest trajectory time: beyond 8192 s float32 does not resolve 2 ms any more."""
 RENEW_TIME_MS = 4_000_000
-"""From here on a standstill of RENEW_REST_S is used to begin a new trajectory."""
+"""Trajectory time from which on a standstill of RENEW_REST_S serves to begin a new trajectory."""
 RENEW_REST_S = 2.0
 
 
 class _Phase(enum.Enum):
     RESTING = enum.auto()
-    """Until the robot rests and point 0 can be sent."""
+    """Waiting until the robot rests and point 0 can be sent."""
     STARTING = enum.auto()
-    """Point 0 is sent."""
+    """Point 0 was sent."""
     QUEUED = enum.auto()
-    """The queue holds enough until it is asked for again."""
+    """The queue suffices until its next query."""
     ASKING = enum.auto()
-    """The reply says how much the queue holds."""
+    """Waiting for the reply with the queue's length."""
     INSTANT = enum.auto()
     """The next point is to be computed now."""
     SENDING = enum.auto()
@@ -68,15 +66,15 @@ class PointStream(Trajectory):
         self._rest_points = 0
         self._renewing = False
         self._moving_at_send = self._was_moving = False
-        """Whether the newest point, and the one before it, is one in motion."""
+        """True if the newest point, and the one before, is one in motion."""
         self._empty_s = now_s
-        """The queue has run empty by then, unless something is added."""
+        """Time at which the queue will have run empty, unless points are added."""
         self._counted_s = now_s
         """Time at which `queue_count` was reported."""
         self._rtt_s = 0.0
-        """The longest round trip of late."""
+        """Longest recent round trip."""
         self._shorter_s = now_s
-        """Last time that the queue was seen to have become shorter."""
+        """Last time that the queue had become shorter."""
         self._ran_empty_s: deque[float] = deque(maxlen=EMPTY_TIMES)
         self._played_s = now_s
         """Time at which all accepted increments will have been executed."""
@@ -129,7 +127,7 @@ class PointStream(Trajectory):
             return False
         self._rest_points += 1
         rested = self._rest_points * self.nominal_s >= RENEW_REST_S
-        # The point that is at rest must have been sent, so the one before must be too.
+        # The point at rest must have been sent, so the one before must be at rest, too.
         if self._rest_points > 1 and (
             self._renewing or (rested and self._time_ms >= RENEW_TIME_MS)
         ):
@@ -143,8 +141,8 @@ class PointStream(Trajectory):
         return False
 
     def _ran_empty(self, now_s: float) -> None:
-        """The command has stopped dead. The next segment would begin at the speed that the last
-        point had, so it takes a new trajectory, from rest."""
+        """Restart after the command has stopped dead: the next segment would begin at the last
+        point's speed, so a new trajectory from rest is needed."""
         self._counters.underruns += 1
         self._ran_empty_s.append(now_s)
         if len(self._ran_empty_s) == EMPTY_TIMES and now_s - self._ran_empty_s[0] <= EMPTY_WITHIN_S:
@@ -180,7 +178,7 @@ class PointStream(Trajectory):
         count = max(self._counters.queue_count - played, 0)
         self._empty_s += self._increments * self._ipc_s
         self._shorter_s = now_s
-        # The point is converted within one period and taken out from the next one on.
+        # The point is converted within one period and executed from the next one on.
         self._played_s = now_s + (count + 2) * self._ipc_s
         if count <= self._low:
             self._phase = _Phase.INSTANT
@@ -189,14 +187,14 @@ class PointStream(Trajectory):
         self.next_s = now_s + (count - self._low) * self._ipc_s
 
     def _timed(self, now_s: float) -> float:
-        """The round trip that ends now, s."""
+        """Return the round trip that ends now, s."""
         took_s = now_s - self._requests.asked_s
         self._rtt_s = max(RTT_MEMORY * self._rtt_s, took_s)
         return took_s
 
     @property
     def _low(self) -> int:
-        """Remaining queue at which the next point is computed: asking and sending take time."""
+        """Remaining queue at which the next point is computed: query and transmission take time."""
         return self.options.queue_low + round(2.0 * self._rtt_s / self._ipc_s)
 
     def _counted(self, answer: Answer, now_s: float) -> None:
@@ -218,7 +216,7 @@ class PointStream(Trajectory):
             return
         took_s = self._timed(now_s)
         self._counted_s = now_s
-        # The queue held so many at the end of the round trip at the latest.
+        # The queue held that many at the end of the round trip at the latest.
         self._empty_s = now_s + (count + 2) * self._ipc_s
         low = self._low
         if count > low:

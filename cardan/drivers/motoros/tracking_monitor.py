@@ -1,10 +1,10 @@
 """Comparison of the arm's measured position with the integral of its commanded velocities.
 
-A controller in velocity mode does not report its commanded position, and the arm lags by design. So
-the measured position is compared with all that was commanded within the lag: an arm that follows is
-somewhere on that path, or beside it where the controller's filter cuts a curve. An arm that is not
-even at the path's beginning has lost motion: to a speed limit, a late command, a person in the way.
-At rest the path is one point, and every distance counts.
+A controller in velocity mode does not report its commanded position, and the arm lags by design.
+The measured position is therefore compared with the path commanded within the lag: an arm that
+follows is on that path, or beside it if the controller's filter cuts a curve. An arm that has not
+even reached the path's beginning has lost motion: to a speed limit, a late command, or a person in
+the way. At rest the path is one point, and every distance counts.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from collections import deque
 from collections.abc import Sequence
 
 _ROWS = 16
-"""Points of the commanded path that are kept; between them it counts as straight."""
+"""Points of the commanded path that are kept; it is interpolated linearly."""
 
 
 class TrackingMonitor:
-    """The commanded path of the last `lag_s`."""
+    """Commanded path of the last `lag_s`."""
 
     def __init__(self, lag_s: float, positions: Sequence[float], now_s: float) -> None:
         self._lag_s = lag_s
@@ -27,12 +27,12 @@ class TrackingMonitor:
         self.begin(positions, now_s)
 
     def begin(self, positions: Sequence[float], now_s: float) -> None:
-        """Begin with an arm that has been at rest at `positions`, rad."""
+        """Begin with an arm at rest at `positions`, rad."""
         self._path.clear()
         self._path.append((now_s - self._lag_s, list(positions)))
 
     def record(self, positions: Sequence[float], now_s: float) -> None:
-        """Note the commanded positions at `now_s`, rad."""
+        """Record the commanded positions at `now_s`, rad."""
         path = self._path
         if now_s - path[-1][0] >= self._spacing_s:
             path.append((now_s, list(positions)))
@@ -40,8 +40,8 @@ class TrackingMonitor:
                 path.popleft()
 
     def away(self, measured: Sequence[float], commanded: Sequence[float]) -> list[float] | None:
-        """The distance, rad, from the nearer end of the path, which ends at `commanded`, to
-        `measured`; None when a point between the ends is nearest."""
+        """Distance of `measured` from the nearer end of the path, which ends at `commanded`, rad;
+        None if a point between the ends is nearest."""
         best: list[float] | None = None
         nearest = 0.0
         outside = False
@@ -63,7 +63,7 @@ class TrackingMonitor:
         return best if outside else None
 
     def shift(self, by: Sequence[float]) -> None:
-        """Move the whole path by `by`, rad: its positions were off by that."""
+        """Move the whole path by `by`, rad, because its positions were off by that."""
         for _, positions in self._path:
             for i, each in enumerate(by):
                 positions[i] += each

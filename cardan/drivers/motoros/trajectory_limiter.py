@@ -1,10 +1,11 @@
-"""Last limiter before the wire: whatever is commanded, the sent values keep the joints' limits.
+"""Limiter of the values sent to the controller: they keep the joints' limits, whatever is
+commanded.
 
-The guide owns the commanded positions and velocities and moves them by one control period at a
-time, at constant acceleration within the period: q += dt·(v_old + v_new)/2, which is also what a
-controller makes of a point with its velocity, and of a velocity.
+It owns the commanded positions and velocities and moves them by one control period at a time, at
+constant acceleration within the period: q += dt·(v_old + v_new)/2. Controllers do the same with a
+point and its velocity, and with a velocity.
 
-Nothing is refused for being too much, and no period contains a step:
+Excessive commands are limited, not refused, and no period contains a step:
 
 - A vector of speeds is shortened as a whole, and so is its change, so the direction of motion, and
   that of its change, stay the ones asked for.
@@ -30,15 +31,15 @@ from cardan.errors import CommandError, ConfigurationError
 from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCommand, RobotCommand
 
 LONGEST_STEP_S: Final = 0.1
-"""A longer period counts as this long."""
+"""Longest period; a longer one counts as this."""
 SHORTEST_STEP_S: Final = 1e-6
 """Shorter steps are ignored."""
 
 KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
-"""Commands that it takes."""
+"""Commands that it accepts."""
 
 _PERIODS_AHEAD = 5.0
-"""Factor by which the next period may be longer without a joint having to stop abruptly."""
+"""Factor by which the next period may be longer without an abrupt stop of a joint."""
 _INF = math.inf
 _sqrt = math.sqrt
 
@@ -58,7 +59,7 @@ class JointTrajectoryLimiter(JointLimiter):
         velocity: Sequence[float],
         acceleration: Sequence[float],
     ) -> None:
-        """Limits per joint: rad (infinite for a joint that turns for ever), rad/s, rad/s².
+        """Limits per joint: rad (infinite for a continuous joint), rad/s, rad/s².
 
         Raises ConfigurationError for lengths that differ, an empty range, or a velocity or an
         acceleration that is not positive and finite.
@@ -89,16 +90,17 @@ class JointTrajectoryLimiter(JointLimiter):
 
     @property
     def speeds(self) -> tuple[float, ...]:
-        """The limits, rad/s."""
+        """Speed limits, rad/s."""
         return self._speed
 
     @property
     def accelerations(self) -> tuple[float, ...]:
-        """The limits, rad/s²."""
+        """Acceleration limits, rad/s²."""
         return self._acceleration
 
     def reset(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
-        """Start from `positions`, rad, at rest, or at `velocities`, rad/s, as far as limits allow.
+        """Start from `positions`, rad, at rest, or at `velocities`, rad/s, as far as the limits
+        allow.
 
         Raises CommandError, and changes nothing, for a wrong length or an implausible number.
         """
@@ -115,16 +117,14 @@ class JointTrajectoryLimiter(JointLimiter):
             gap_s -= LONGEST_STEP_S
 
     def step(self, command: RobotCommand, dt_s: float) -> None:
-        """Move for `dt_s` as `command` says, as far as limits allow.
+        """Execute `command` for `dt_s`, as far as the limits allow.
 
-        A JointCommand is followed: its velocities, plus what makes good the distance that is left
-        without passing it. Without velocities the target is taken to move as it moved in both of
-        the two periods before. A HoldCommand brakes along the direction of motion, and stays: the
-        joint that needs longest, max |v|/acceleration, sets the time.
-
-        A period of less than 1 µs, negative or NaN changes nothing; one above 0.1 s counts as
-        0.1 s. Raises CommandError, and changes nothing, for a wrong length, an implausible number,
-        external axes, and commands other than these three.
+        A JointCommand is followed at its velocities, plus a correction of the remaining distance
+        without overshoot. Without velocities the target is assumed to move as in both of the two
+        previous periods. A HoldCommand brakes along the direction of motion: the slowest joint, max
+        |v|/acceleration, determines the time. A period of less than 1 µs, negative or NaN changes
+        nothing; one above 0.1 s counts as 0.1 s. Raises CommandError, and changes nothing, for a
+        wrong length, an implausible number, external axes, and commands other than these three.
         """
         if isinstance(command, JointCommand):
             forward = command.velocities
@@ -148,8 +148,8 @@ class JointTrajectoryLimiter(JointLimiter):
     def track(
         self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float
     ) -> None:
-        """Advance one period towards `target`, which moves at `velocities`, or, without them, as
-        `step` says."""
+        """Advance one period towards `target`, which moves at `velocities`; without them, see
+        `step`."""
         positions = self.reference
         speeds = self._speed
         previous = self._target
@@ -178,7 +178,7 @@ class JointTrajectoryLimiter(JointLimiter):
             if velocities is not None:
                 speed = min(max(velocities[i], slowest), fastest)
             elif rate * before[i] <= 0.0:
-                # A target that steps does not move.
+                # A target with a step does not move.
                 speed = 0.0
             else:
                 speed = rate if abs(rate) < abs(before[i]) else before[i]
@@ -210,8 +210,8 @@ class JointTrajectoryLimiter(JointLimiter):
         for i in self._axes:
             left = error[i]
             speed = forward[i]
-            # Above this a joint on its way to the target could not stop there, whatever keeping
-            # the direction of the others would have it do.
+            # Above this a joint on its way to the target could not stop there, even if the
+            # direction of the others were given up.
             gain = self._acceleration[i] * dt_s
             low[i] = -_INF
             high[i] = _INF
@@ -230,7 +230,7 @@ class JointTrajectoryLimiter(JointLimiter):
     def _approach(
         self, wanted: list[float], lows: Sequence[float], highs: Sequence[float], dt_s: float
     ) -> None:
-        """Advance one period towards the velocities `wanted`, which it changes, within `lows` and
+        """Advance one period towards the velocities `wanted` (modified in place), within `lows` and
         `highs`.
 
         The bounds contain zero, or the way to it that the acceleration allows.
@@ -251,7 +251,7 @@ class JointTrajectoryLimiter(JointLimiter):
             most = speeds[i]
             speed = wanted[i]
             on_the_way = half_s * velocity
-            reach = self._stop[i] + mean_s * most  # from farther away an end does not matter
+            reach = self._stop[i] + mean_s * most  # an end farther away does not matter
             high = _INF
             room = self._upper[i] - position - on_the_way
             if room < reach:
@@ -306,7 +306,8 @@ class JointTrajectoryLimiter(JointLimiter):
 
 
 def _speed_towards_end(room: float, acceleration: float, dt_s: float, later_s: float) -> float:
-    """The highest speed at the end of a period of `dt_s` from which a joint can stop in time.
+    """Return the highest speed at the end of a period of `dt_s` from which a joint can stop in
+    time.
 
     `room` is the distance to the end less dt·v_old/2. In periods of up to `later_s` a joint at v
     needs v²/(2a) and, for the last of them, in which it only stops, at most a·later²/8 more; below

@@ -1,4 +1,4 @@
-"""The velocity mode: joint speeds at absolute deadlines, the newest wins.
+"""Velocity mode: joint speeds sent at absolute deadlines; the newest wins.
 
 Source: docs/protocols/simple-message.md.
 """
@@ -19,38 +19,38 @@ from cardan.types import JointCommand, RobotCommand
 FIELDS = ValidFields.TIME | ValidFields.VELOCITY | ValidFields.ACCELERATION
 
 REST_RAD_S = 1e-5
-"""Speed below which zero is sent: the controller would count any other speed as motion for ever."""
+"""Smallest speed that is not sent as zero: the controller counts any other speed as motion."""
 
 AGREES_RAD = 0.004
-"""Distance of the arm from the ends of its commanded path that is not corrected: the arm sags, and
-the two clocks differ."""
+"""Largest distance of the arm from the ends of its commanded path that is not corrected: the arm
+sags, and the two clocks differ."""
 FOUND_RAD_S = 0.05
-"""Speed of correcting the commanded position to the measured one, besides its own speed: so
-one wrong feedback changes next to nothing."""
+"""Speed of correcting the commanded position to the measured one, besides its own speed; one wrong
+feedback changes next to nothing."""
 CLOSING_RAD_S = 0.2
-"""Fastest motion back to the command after a correction: the operator does not command it."""
+"""Fastest motion back to the command after a correction, which no operator commands."""
 LOST_RAD = 0.15
 LOST_S = 0.5
-"""Distance LOST_RAD for LOST_S after which the arm is not obeying, or is measured wrongly."""
+"""Distance LOST_RAD for LOST_S after which the arm does not obey, or is measured wrongly."""
 
 JUMP_RAD, JUMP_RAD_S = 0.05, 15.0
-"""Farthest that a joint moves between two feedbacks: the first, plus the second per second. A
-measurement beyond that is implausible, and corrects nothing."""
+"""Farthest motion of a joint between two feedback messages: the first, plus the second per second.
+A measurement beyond is implausible, and corrects nothing."""
 
 ZEROS_BEFORE_END = 4
 """Commands of zero speed after which the controller has come to rest by itself."""
 
 SETTLE_S = 1.0
-"""Time after the start from which motion may be commanded to an arm that is not quite at rest: one
-that sags in its servos never is."""
+"""Time after the start from which on an arm that is not quite at rest may be moved: an arm that
+sags in its servos never is."""
 
 
 class VelocityStream(MotorosMotion):
     """Commands in velocity mode.
 
-    The guide integrates what is sent, the controller what it used, and the arm does what it can.
-    Where the three differ, the guide is corrected to the measured position, slowly; that commands
-    nothing. The next commanded position then makes up for the difference, slowly too.
+    The limiter integrates the sent velocities, the controller the used ones, and the arm follows as
+    it can. If the three differ, the limiter is slowly corrected to the measured position, which
+    commands nothing. The next commanded position then makes up for the difference, also slowly.
     """
 
     feeds_at_rest = True
@@ -66,9 +66,9 @@ class VelocityStream(MotorosMotion):
         self._missed_s = 0.0
         self._lost = SlipCompensation(options.joints)
         self._asked: JointCommand | None = None
-        """The command before, if it was one of positions."""
+        """Previous command, if it was one of positions."""
         self._zeros = 0
-        """Commands in a row that said zero."""
+        """Consecutive commands of zero speed."""
         self.waiting = "velocity mode is being entered"
         guide.closing_rad_s = CLOSING_RAD_S
         guide.reset(feed.positions)
@@ -78,12 +78,12 @@ class VelocityStream(MotorosMotion):
         self._lost_since_s = math.inf
         self._measured: Sequence[float] = feed.positions
         self._jumped = False
-        """Whether the arm is measured at a place that it cannot have reached."""
+        """True if the arm is measured at a place that it cannot have reached."""
         self.next_s = now_s
 
     def advance(self, now_s: float) -> None:
-        """Wait until the controller says that motion is possible, since its status is older than
-        its reply; then check where the arm is."""
+        """Wait until the controller reports that motion is possible, since its status is older than
+        its reply; then check the arm's position."""
         feed = self._feed
         if not self.waiting:
             if feed.feedbacks != self._watched:
@@ -106,7 +106,7 @@ class VelocityStream(MotorosMotion):
             self.ended = "velocity mode was started, but the controller does not allow motion"
 
     def _look(self, now_s: float) -> None:
-        """Set the guide to where the arm is, if it is not where it should be."""
+        """Set the limiter to the arm's position, if it is not where it should be."""
         feed, guide = self._feed, self._guide
         passed_s = min(now_s - self._watched_s, self.options.state_timeout_s)
         self._watched, self._watched_s = feed.feedbacks, now_s
@@ -156,7 +156,7 @@ class VelocityStream(MotorosMotion):
     def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
         guide = self._guide
         if self._missed_s:
-            # Meanwhile the controller has gone on at the speeds it had.
+            # Meanwhile the controller has continued at its last speeds.
             guide.coast(self._missed_s)
             self._lost.passed(self._missed_s)
             self._missed_s = 0.0
@@ -176,7 +176,7 @@ class VelocityStream(MotorosMotion):
         self._counters.commands += 1
         self._since_asked += 1
         self._note(now_s, "velocity")
-        # The first one arms the stream, so whether it was taken is asked at once.
+        # The first command arms the stream, so its acceptance is queried at once.
         wanted = body.sequence == 0 or self._since_asked >= self.options.reply_every
         if wanted and self._requests.idle:
             self._since_asked = 0
@@ -185,7 +185,7 @@ class VelocityStream(MotorosMotion):
         self.topics.append(topic(body))
 
     def _going_on(self, command: RobotCommand) -> RobotCommand:
-        """`command`, of which time that was lost is not made up for."""
+        """Return `command`, adjusted not to make up for missed time."""
         asked, self._asked = self._asked, None
         lost = self._lost
         if not isinstance(command, JointCommand):

@@ -1,16 +1,16 @@
 """Interpreter of a shared device's messages, without any I/O and in the caller's time.
 
-A state counts by its age, not by its arrival. Each claim says when it was sent, by the local clock,
-and the first state that echoes it gives the remote clock: between claim and echo, by the quickest
-recent round trip. So a state's age is known by its own stamp; whatever that says, it is as old as
-the newest claim that it echoes, but for the time that a claim is on its way.
+A state counts by its age, not by its arrival. Each claim has its local time of sending, and the
+first state that echoes it gives the remote clock: a time between claim and echo, by the quickest
+recent round trip. A state's age follows from its stamp; whatever the stamp, it is as old as the
+newest claim that it echoes, less the transit time of a claim.
 
 - No state that is young enough: STALE. The sharer has left, or another session has the device:
   LOST. Then deflections are zero, buttons released, and the device counts again from rest.
-- States that are too old are dropped. Their edges come again with younger ones, until they are
-  acknowledged; a press that is too old by then does not count until it was released.
-- Motion may wait for a bounded time, to be shown at its own spacing (`playout_ms`). Edges of
-  buttons, rest, and whatever ends the link do not wait, and what waits then is never shown.
+- States that are too old are dropped. Their edges are repeated with newer states until they are
+  acknowledged; a press that is too old by then does not count until its release.
+- Motion may wait for a bounded time, to be shown with its original timing (`playout_ms`). Button
+  edges, rest, and the end of the link do not wait, and discard waiting motion.
 - Of two computers that share under one name, the first one heard counts, while it sends.
 """
 
@@ -51,19 +51,19 @@ from cardan.types import (
 )
 
 ROUNDS_KEPT = 1000
-"""Round trips that are remembered, of half a minute."""
+"""Number of remembered round trips, of half a minute."""
 
 ECHOES_KEPT = 64
-"""Claims that may be echoed still, of two seconds: slower round trips tell nothing."""
+"""Most claims, of two seconds, that an echo may still refer to: slower round trips tell nothing."""
 
 SEQUENCES_KEPT = 1000
 """States over which the loss ratio is computed: 4 to 20 s."""
 
 UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), battery=False)
-"""Before the first state: it may give whatever the mapping takes."""
+"""Capabilities before the first state: all that a mapping may use."""
 
 _LINKS = {DeviceLink.CLOSED: DeviceLink.LOST, DeviceLink.STALE: DeviceLink.LOST}
-"""Links there that are another one here: STALE is when no state is young enough."""
+"""Remote link states that count as another one here: STALE means that no state is young enough."""
 
 ANEW = "`cardan devices share` was started anew on the operator's computer"
 LET_GO = "it was lost, or its states were too old: let go of the device once"
@@ -87,7 +87,7 @@ class RemoteCore(BusCore):
     }
 
     def __init__(self, options: RemoteOptions, lessee: int, name: str) -> None:
-        """`lessee`: a unique number, not 0; `name`: its name for others."""
+        """Set `lessee`, a unique number other than 0, and `name`, its name for others."""
         super().__init__()
         self._options = options
         self._lessee, self._name = lessee, name
@@ -102,30 +102,30 @@ class RemoteCore(BusCore):
         self._clock = RemoteClock(ROUNDS_KEPT)
         self._echoed_s = self._sent_s = self._newest_s = NEVER_S
         self._resets = 0
-        """Resets of the remote clock at the last edges: earlier stamps are another clock's."""
+        """Resets of the remote clock at the last edges: earlier stamps are of another clock."""
         self._edge = 0
         self._down: frozenset[str] = frozenset()
         self._shared: DeviceState | None = None
         self._playout.clear()
         self._playout.forget()
         self.haptic_feedback: HapticFeedback | None = None
-        """Haptic feedback at the newest state; None: not known, or the device gives no force."""
+        """Haptic feedback at the newest state; None: unknown, or the device exerts no force."""
         self._sequences: deque[int] = deque(maxlen=SEQUENCES_KEPT)
         """Sequence numbers of the newest states."""
         self.capabilities = UNKNOWN
         self.driver = ""
         self.leased = False
-        """Whether the device is ours."""
+        """True if the device is leased to this session."""
         self.taken_by = ""
-        """Another holder of the lease; empty: none known."""
+        """Another holder of the lease; empty if none is known."""
 
-    # -- what it asks --------------------------------------------------------------------------
+    # -- claims ----------------------------------------------------------------------------------
 
     def claim(
         self, now_s: float, feedback: DeviceFeedback, command: HapticCommand | None = None
     ) -> Claim | None:
-        """The claim that is due now, if one is; `feedback`: what the operator is to be given;
-        `command`: what the hand is to feel, if anything."""
+        """Return the claim that is due now, if any, with `feedback` for the operator and the haptic
+        `command`, if any."""
         engaged = command is not None and command.engaged
         if not self._open or now_s < self._claimed_s + (
             FORCE_PERIOD_S if engaged else CLAIM_PERIOD_S
@@ -133,7 +133,7 @@ class RemoteCore(BusCore):
             return None
         self._claimed_s = now_s
         self._asked.append(now_s)
-        # The state that the arm follows now, not the newest: motion may wait to be played.
+        # The state that the arm follows now, not the newest: motion may wait for its playout.
         shown = self._playout.shown
         answers_s = NEVER_S if shown is None else shown.sent_s
         order = None if command is None else RemoteHapticCommand(command, answers_s)
@@ -142,17 +142,16 @@ class RemoteCore(BusCore):
         )
 
     def final_claim(self, now_s: float) -> Claim:
-        """The claim that gives the device back."""
+        """Return the claim that gives the device back."""
         return Claim(self._lessee, self._name, now_s, False, self._edge, DeviceFeedback())
 
-    # -- what it hears -------------------------------------------------------------------------
+    # -- reception -------------------------------------------------------------------------------
 
     @property
     def labels(self) -> tuple[str, ...]:
         return self.capabilities.buttons
 
     def on_opened(self, now_s: float) -> None:
-        """The device is shared (again)."""
         self._forget_sender(now_s)
         self._forget_device()
         self._begin("not seen at rest yet: let go of the device", now_s)
@@ -219,13 +218,13 @@ class RemoteCore(BusCore):
 
     @property
     def refusal(self) -> str:
-        """Reason why the lease is refused; empty: none known."""
+        """Reason why the lease is refused; empty if none is known."""
         if not self.taken_by:
             return ""
         return f"{self._options.device} is used by {self.taken_by}: end that session first"
 
     def _take(self, shared: Shared, now_s: float) -> None:
-        """Take a state that is young enough."""
+        """Process a state that is young enough."""
         state, before = shared.state, (self._link, self._edge, self._down, self._resets)
         there = _LINKS.get(state.link, state.link)
         if there is not DeviceLink.LIVE:
@@ -258,11 +257,11 @@ class RemoteCore(BusCore):
 
     @property
     def due_s(self) -> float:
-        """Time at which waiting motion is played next; inf: none waits."""
+        """Time at which waiting motion is played next, s; inf: none waits."""
         return self._playout.due_s
 
     def play(self, now_s: float) -> bool:
-        """Play the motion that is due: whether the state is another than before."""
+        """Play the motion that is due; return True if the state has changed."""
         played = self._playout.advance(now_s)
         if played:
             self._show()
@@ -285,7 +284,7 @@ class RemoteCore(BusCore):
                     self._buttons.mask([edge.button])
             self._buttons.set(sorted(self._down), now_s)
         self._resets = self._clock.resets
-        # For how long a button was down before the lease, or unseen, is unknown.
+        # How long a button was pressed before the lease, or unseen, is unknown.
         self._buttons.mask(sorted(shared.state.buttons - self._down))
         self._down = shared.state.buttons
         self._buttons.set(sorted(self._down), now_s)
@@ -293,13 +292,13 @@ class RemoteCore(BusCore):
     # -- its age -------------------------------------------------------------------------------
 
     def _late_s(self, now_s: float) -> float:
-        """By how much the newest state is older than a quick one on arrival: of the way of the
-        states alone, whatever holds up the claims."""
+        """Delay of the newest state beyond a quick one's, s, on the states' way alone, whatever
+        delays the claims."""
         round_s = self._clock.round_s
         return 0.0 if round_s is None else max(0.0, now_s - self._newest_s - 0.5 * round_s)
 
     def _age_s(self, now_s: float) -> float:
-        """Age of the newest state, at least what its round trip allows."""
+        """Age of the newest state, s, at least what its round trip allows."""
         echoed_s = self._echoed_s + CLAIM_PERIOD_S + self._clock.quickest_s
         return now_s - min(self._newest_s, echoed_s)
 
@@ -308,7 +307,7 @@ class RemoteCore(BusCore):
         longest_s = self._options.max_age_s
         if not self._open or self._link in (DeviceLink.STALE, DeviceLink.LOST):
             return
-        # Before the first state it is as old as the opening.
+        # Before the first state the age counts from the opening.
         if now_s - self._last_s <= longest_s and not (
             self._shared is not None and self._age_s(now_s) > longest_s
         ):
@@ -351,7 +350,7 @@ class RemoteCore(BusCore):
 
     @property
     def _loss(self) -> float:
-        """Share of the states of late that did not come, or came too late to be in order."""
+        """Share of recent states that were lost, or came too late to be in order."""
         sequences = self._sequences
         if not sequences:
             return float("nan")

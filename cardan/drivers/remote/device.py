@@ -1,4 +1,4 @@
-"""The driver of a device on another computer."""
+"""Driver of a device on another computer."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from cardan.spatial import is_finite
 from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
 WAIT_S = 0.01
-"""The reader looks at its claim so often."""
+"""Period at which the reader checks its claim."""
 
 
 class Remote(BusMixin[RemoteCore], OperatorDevice):
-    """An operator device of another computer, where `cardan devices share` publishes it."""
+    """Operator device of another computer, published there by `cardan devices share`."""
 
     Options: ClassVar[type[RemoteOptions]] = RemoteOptions
     summary = "any operator device of another computer, by `cardan devices share`"
@@ -46,7 +46,7 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
     _kind = "remote device"
 
     def __new__(cls, options: RemoteOptions | None = None, **keywords: Any) -> Remote:
-        """With the option `force` it is a haptic device."""
+        """Make a haptic device if the option `force` is set."""
         force = getattr(options, "force", keywords.get("force", False))
         return super().__new__(RemoteForce if force and cls is Remote else cls)
 
@@ -63,7 +63,6 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the device; known once it is open."""
         with self._lock:
             return self._core.capabilities
 
@@ -76,7 +75,7 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
         )
 
     def _why_gone(self) -> str:
-        # Which of these it is, the next attempt to open it says.
+        # The next attempt to open it tells which of these is the cause.
         return (
             f"{self.options.device} is not shared any more: `cardan devices share` has ended on "
             "the operator's computer, or the router is gone, or the network between them"
@@ -143,21 +142,20 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
         super()._release()
 
     def close(self) -> None:
-        """Stop reading, and give the device back."""
         super().close()
         self._given = DeviceFeedback()
         self._command = None
 
 
 class RemoteForce(Remote, HapticDevice):
-    """Remote device with force feedback. `cardan devices share` has the law that keeps it passive;
-    here are the newest command, and the state that the device's computer has published."""
+    """Remote device with force feedback. `cardan devices share` has the control law that keeps it
+    passive; this side has the newest command, and the state published by the device's computer."""
 
     _enabled = False
     _last = HapticState()
 
     def render(self, command: HapticCommand) -> None:
-        """Send `command`, and the newest each 8 ms while it engages."""
+        """Send `command`, and repeat the newest one every 8 ms while it engages."""
         measured = () if command.measured is None else command.measured.force
         if not is_finite(tuple(flat((command.world, command.fixtures, command.force, measured)))):
             raise CommandError(
@@ -172,8 +170,8 @@ class RemoteForce(Remote, HapticDevice):
             self._command = command if self._enabled else command._replace(engaged=False)
 
     def haptics(self) -> HapticState:
-        """Haptic feedback at the newest state. Without one, or while it is too old, there is no
-        force."""
+        """Return the haptic feedback of the newest state. There is no force without one, or while
+        it is too old."""
         with self._lock:
             now_s, haptic_feedback = time.monotonic(), self._core.haptic_feedback
             state = self._core.state(now_s)
@@ -186,32 +184,31 @@ class RemoteForce(Remote, HapticDevice):
         return self._last
 
     def enable(self) -> None:
-        """Let force out from the next engaged command on: the device is enabled there."""
+        """Allow force from the next engaged command on, which enables the remote device."""
         self._check_open("enable()")
         self._enabled = True
 
     def disable(self) -> None:
-        """No force until enable()."""
         with self._lock:
             self._enabled = False
             if self._command is not None:
                 self._command = self._command._replace(engaged=False)
 
     def pause(self) -> None:
-        """The same, until resume()."""
+        """Stop the force until resume(). Raises CommandError unless enabled."""
         if not self._enabled:
             raise CommandError("the force is not enabled: call enable() first")
         self.disable()
 
     def resume(self) -> None:
-        """Go on after pause()."""
+        """Allow force after pause(). Raises CommandError unless paused."""
         if self._enabled:
             raise CommandError("the force is not paused")
         self.enable()
 
     @property
     def feedback_limits(self) -> FeedbackLimits:
-        """The largest force that the device lets out; 0 while it is not known."""
+        """Largest force that the device exerts; 0 while it is unknown."""
         with self._lock:
             haptic_feedback = self._core.haptic_feedback
         return FeedbackLimits(0.0 if haptic_feedback is None else haptic_feedback.largest_n)

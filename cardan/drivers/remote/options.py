@@ -22,20 +22,20 @@ class RemoteOptions(NodeOptions):
     """Options of :class:`Remote`."""
 
     device: str = "spacemouse"
-    """The name under which `cardan devices share` publishes it."""
+    """Name under which `cardan devices share` publishes it."""
     max_age_s: Annotated[float, MAX_AGE_S] = 0.15
-    """Age of its newest state at which the device counts as lost."""
+    """Age of its newest state from which on the device counts as lost."""
     force: bool = False
-    """Force goes back to the hand, from [force] and [[fixtures]]; the device is a haptic one."""
+    """True: the device is haptic, and the force of [force] and [[fixtures]] is sent back to it."""
     playout_ms: Annotated[float, PLAYOUT_MS] = 0.0
-    """Longest time that motion waits to be played at its own spacing, however it arrives."""
+    """Longest time that motion waits for playout with its original timing, whatever the jitter."""
     mode: Literal["peer", "client"] = "client"
-    """"client": all goes through the router, which is what a router on another computer needs;
-    "peer": others on this computer connect directly."""
+    """"client": all traffic goes through the router, as a router on another computer requires;
+    "peer": programs on this computer connect directly."""
     name: str = "cardan_device_driver"
     """Name of this driver's node."""
     wait_for_device: bool = False
-    """open() succeeds without the device, which is taken once it is shared and free."""
+    """open() succeeds without the device, which is leased once it is shared and free."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,10 +51,10 @@ class RemoteOptions(NodeOptions):
 
     @property
     def topic(self) -> str:
-        """cardan_msgs/SharedDevice."""
+        """Topic of cardan_msgs/SharedDevice."""
         return state_topic(self.device)
 
     @property
     def claim_topic(self) -> str:
-        """cardan_msgs/DeviceClaim."""
+        """Topic of cardan_msgs/DeviceClaim."""
         return claim_topic(self.device)

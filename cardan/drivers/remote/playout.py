@@ -1,10 +1,10 @@
-"""Playout buffer: motion with the spacing of the device's states, despite network jitter.
+"""Playout buffer: restores the timing of the device's states despite network jitter.
 
 As for speech over packet networks (Ramjee, Kurose, Towsley, Schulzrinne: Adaptive playout
 mechanisms for packetized audio applications in wide-area networks, INFOCOM 1994): each state is
-shown at its sender's stamp plus one delay, which follows the transit times of late. Differences of
-transit times are enough for that, so an unknown offset of the sender's clock does not matter.
-Nothing here has a clock: times of the sender are its own, all others the caller's, monotonic, s.
+shown at its sender's stamp plus one delay, which follows recent transit times. Differences of
+transit times suffice, so an unknown offset of the sender's clock does not matter. The buffer has no
+clock: the sender's times are by its own, all others by the caller's, monotonic, s.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from typing import NamedTuple
 from cardan.types import NEUTRAL, NEVER_S, Axes, Pose
 
 KEPT_S = 4.0
-"""Transit times of so long decide: clocks that drift by 1e-4 do so by 0.4 ms in it."""
+"""Window of the transit times that count: clocks that drift by 1e-4 do so by 0.4 ms in it."""
 
 MOST_KEPT = 2000
-"""Transit times at most: of 4 s at twice the rate at which states are sent."""
+"""Most transit times kept: of 4 s at twice the rate at which states are sent."""
 
 IN_TIME = 0.99
-"""Share of the states for which the delay is long enough, where its bound allows that."""
+"""Share of the states for which the delay suffices, if its bound allows that."""
 
 GROWS, SHRINKS = 0.1, 0.01
-"""Change of the delay per time while there is motion: it stretches and shortens the motion by as
+"""Change of the delay per time during motion, which stretches and shortens the motion by as
 much."""
 
 
@@ -47,18 +47,18 @@ class Playout:
     """Playout buffer of received states. States come in the order of `sent_s`."""
 
     def __init__(self, most_s: float, max_age_s: float) -> None:
-        """`most_s`: no state waits longer, 0: each is shown on arrival. A shown state older than
-        `max_age_s` gives way to a waiting one."""
+        """Set `most_s`, the longest wait of a state (0: each is shown on arrival). A shown state
+        older than `max_age_s` is replaced by a waiting one."""
         self._most_s, self._max_age_s = most_s, max_age_s
         self.shown: MotionSample | None = None
         self._waiting: deque[tuple[float, MotionSample]] = deque(maxlen=MOST_KEPT)
         """Waiting states with their due times, in order."""
         self._transits: deque[tuple[float, float]] = deque()
-        """Arrival of each state, and its transit time except for the offset of the clocks."""
+        """Arrival of each state, and its transit time up to the offset of the clocks."""
         self._sorted: list[float] = []
-        """The transit times alone."""
+        """Transit times alone."""
         self._lag_s = math.nan
-        """Delay from `sent_s` to showing it; not known before the first state."""
+        """Delay from `sent_s` to showing; unknown before the first state."""
         self._sent_s = NEVER_S
 
     def forget(self) -> None:
@@ -73,10 +73,10 @@ class Playout:
         self._waiting.clear()
         self.shown = None
 
-    # -- what arrives --------------------------------------------------------------------------
+    # -- reception -------------------------------------------------------------------------------
 
     def heard(self, sent_s: float, now_s: float) -> None:
-        """Record the arrival of a state, whether it is taken or not."""
+        """Record the arrival of a state, whether it is used or not."""
         transits = self._transits
         while transits and (transits[0][0] < now_s - KEPT_S or len(transits) >= MOST_KEPT):
             del self._sorted[bisect_left(self._sorted, transits.popleft()[1])]
@@ -84,9 +84,10 @@ class Playout:
         insort(self._sorted, now_s - sent_s)
 
     def take(self, motion: MotionSample, now_s: float, *, at_once: bool) -> None:
-        """Take a state that was `heard`. `at_once`: show it now, and drop waiting ones.
+        """Add a state that was `heard`.
 
-        Rest is at once: a released control does not move on.
+        `at_once`: show it now, and drop waiting ones. Rest is shown at once: a released control
+        stops.
         """
         at_rest = not any(motion.axes)
         if at_rest and motion.pose is None:
@@ -109,8 +110,8 @@ class Playout:
         self.advance(now_s)
 
     def _adapt(self, sent_s: float, *, free: bool) -> None:
-        """The delay follows the transit times, slowly unless nothing is in motion (`free`)."""
-        # States that no delay within the bound would have helped, as after a stall, do not count.
+        """Adapt the delay to the transit times, slowly unless nothing is in motion (`free`)."""
+        # States too late for any delay within the bound, as after a stall, do not count.
         helped = bisect_right(self._sorted, self._sorted[0] + self._most_s)
         wanted_s = _quantile(self._sorted, IN_TIME, helped)
         passed_s = max(0.0, sent_s - self._sent_s)
@@ -121,10 +122,10 @@ class Playout:
             change_s = wanted_s - self._lag_s
             self._lag_s += max(-SHRINKS * passed_s, min(GROWS * passed_s, change_s))
 
-    # -- what is shown -------------------------------------------------------------------------
+    # -- playout ---------------------------------------------------------------------------------
 
     def advance(self, now_s: float) -> bool:
-        """Show what is due: whether that is another state than before."""
+        """Show what is due; return True if the shown state has changed."""
         changed = False
         while self._waiting and (self._waiting[0][0] <= now_s or self._is_old(now_s)):
             self.shown = self._waiting.popleft()[1]
@@ -136,27 +137,27 @@ class Playout:
 
     @property
     def due_s(self) -> float:
-        """Time at which the next one is shown; inf: none waits."""
+        """Time at which the next state is shown, s; inf: none waits."""
         return self._waiting[0][0] if self._waiting else math.inf
 
     # -- figures -------------------------------------------------------------------------------
 
     @property
     def transit_s(self) -> float:
-        """Median transit time, but for the offset of the clocks; nan: none is known."""
+        """Median transit time up to the offset of the clocks, s; nan: unknown."""
         return _quantile(self._sorted, 0.5) if self._sorted else math.nan
 
     @property
     def jitter_s(self) -> float:
-        """99th percentile of the transit times above the quickest; nan: none is known."""
+        """99th percentile of the transit times above the quickest, s; nan: unknown."""
         return _quantile(self._sorted, 0.99) - self._sorted[0] if self._sorted else math.nan
 
     @property
     def added_s(self) -> float:
-        """Wait of a state with the median transit time; nan: not known."""
+        """Wait of a state with the median transit time, s; nan: unknown."""
         return min(max(0.0, self._lag_s - self.transit_s), self._most_s)
 
 
 def _quantile(ordered: list[float], share: float, count: int = 0) -> float:
-    """Quantile of the first `count` of them, 0: of all; the smallest that `share` do not exceed."""
+    """Quantile of the first `count` of them (0: of all): the smallest not exceeded by `share`."""
     return ordered[math.ceil(share * (count or len(ordered))) - 1]

@@ -1,9 +1,9 @@
-"""The two messages between the computer that has a device and the one that uses it.
+"""Messages between the computer that shares a device and the one that uses it.
 
-cardan_msgs/SharedDevice has the newest state, and the unacknowledged edges of buttons.
-cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was sent,
-how late states come, acknowledges edges, and has the feedback and the force. Times are monotonic,
-s, each by its sender's clock.
+cardan_msgs/SharedDevice has the newest state, and the unacknowledged button edges.
+cardan_msgs/DeviceClaim requests the device or renews its lease, has its time of sending and the
+lateness of states, acknowledges edges, and has the feedback and the force. Times are monotonic, s,
+each by its sender's clock.
 """
 
 from __future__ import annotations
@@ -50,22 +50,22 @@ CLAIM_PERIOD_S = 0.03
 """Period of the lessee's claims; each is answered by a state at once."""
 
 FORCE_PERIOD_S = 0.008
-"""The same while the hand is to feel something."""
+"""The same while there is haptic feedback."""
 
 MOST_EDGES = 64
-"""Edges that wait to be acknowledged. A hand makes some ten a second."""
+"""Most unacknowledged edges. A hand makes some ten a second."""
 
 MOST_BUTTONS = 256
 MOST_TEXT = 200
 LARGEST = 1e6
-"""No measurement is larger, in SI units."""
+"""Largest plausible measurement, in SI units."""
 
 FEEDBACK = frozenset({"led", "rumble"})
-"""Feedback passed back besides force, which has a control law at either end."""
+"""Feedback channels passed back besides force, which has a control law at either end."""
 
 FIXTURES: Mapping[str, type[Any]] = {each.__name__: each for each in get_args(Fixture)}
 _SIZES = {Vector3: 3, Matrix3: 9, float: 1, bool: 1}
-"""Numbers that a field of a fixture has."""
+"""Count of numbers in a field of a fixture, by its type."""
 
 
 def state_topic(name: str) -> str:
@@ -82,22 +82,22 @@ class RemoteHapticCommand(NamedTuple):
     """Haptic command for the device."""
 
     command: HapticCommand
-    """Numbered by the session; its stamp is valid only there."""
+    """Sequence number by the session; its stamp is valid only there."""
     answers_s: float
-    """Stamp of the device's state that it was made from, by the clock there."""
+    """Stamp of the device's state that it was computed from, by the device's clock."""
 
 
 class HapticFeedback(NamedTuple):
     """Haptic feedback of the device."""
 
     state: HapticState
-    """A message has a part of it; `command_sequence` is the session's."""
+    """Haptic state, of which a message has a part; `command_sequence` is the session's."""
     largest_n: float
-    """Largest force that the device lets out."""
+    """Largest force that the device exerts."""
 
 
 class Edge(NamedTuple):
-    """An edge of a button, numbered since the lease began, from 1."""
+    """Button edge, numbered from 1 since the begin of the lease."""
 
     number: int
     stamp_s: float
@@ -109,7 +109,7 @@ class Shared(NamedTuple):
     """A message with the state of a shared device."""
 
     run: int
-    """Number of the sharing process; it changes with the process."""
+    """Number of the sharing process, new with each process."""
     sent_s: float
     lessee: int
     """Holder of the lease; 0: none."""
@@ -119,36 +119,36 @@ class Shared(NamedTuple):
     state: DeviceState
     """Its stamp by the sender's clock."""
     edges: tuple[Edge, ...] = ()
-    """Not acknowledged yet, oldest first."""
+    """Unacknowledged edges, oldest first."""
     driver: str = ""
     capabilities: DeviceCapabilities | None = None
-    """In answers to claims."""
+    """Capabilities, sent in answers to claims."""
     haptic_feedback: HapticFeedback | None = None
-    """None: the device gives no force."""
+    """Haptic feedback; None: the device exerts no force."""
 
 
 class Claim(NamedTuple):
-    """A message in which a session claims a device, or gives it back."""
+    """Message in which a session claims a device, or gives it back."""
 
     lessee: int
     name: str
     asked_s: float
     wanted: bool
-    """False: it is given back."""
+    """False: the device is given back."""
     edges: int
-    """Number of the newest edge that is known there."""
+    """Number of the newest edge received there."""
     feedback: DeviceFeedback
     order: RemoteHapticCommand | None = None
     late_s: float = 0.0
-    """By how much the newest state is older than a quick one is on arrival."""
+    """Delay of the newest state on arrival beyond a quick one's."""
 
 
 class UnusableError(ValueError):
-    """Reason why a message is not used, printed behind "messages"."""
+    """Reason why a message is unusable, printed behind "messages"."""
 
 
 def shared_message(shared: Shared) -> Message:
-    """Return it as a cardan_msgs/SharedDevice."""
+    """Convert to a cardan_msgs/SharedDevice."""
     state, able = shared.state, shared.capabilities
     inertia = state.inertia
     measured = [] if inertia is None else [each for each in inertia if each is not None]
@@ -195,7 +195,7 @@ def shared_message(shared: Shared) -> Message:
 
 
 def read_shared(message: Message) -> Shared:
-    """A cardan_msgs/SharedDevice. Raises UnusableError."""
+    """Decode a cardan_msgs/SharedDevice. Raises UnusableError."""
     _check_version(message)
     sent_s = _time(message["sent"], "sent")
     report_s = NEVER_S if message["report"] == NEVER_S else _time(message["report"], "report")
@@ -235,7 +235,7 @@ def read_shared(message: Message) -> Shared:
 
 
 def claim_message(claim: Claim) -> Message:
-    """Return it as a cardan_msgs/DeviceClaim."""
+    """Convert to a cardan_msgs/DeviceClaim."""
     led, rumble = claim.feedback.led, claim.feedback.rumble
     return {
         "version": VERSION,
@@ -252,7 +252,7 @@ def claim_message(claim: Claim) -> Message:
 
 
 def read_claim(message: Message) -> Claim:
-    """A cardan_msgs/DeviceClaim. Raises UnusableError."""
+    """Decode a cardan_msgs/DeviceClaim. Raises UnusableError."""
     _check_version(message)
     if not message["lessee"]:
         raise UnusableError("of nobody")

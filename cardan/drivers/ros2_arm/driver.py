@@ -1,4 +1,4 @@
-"""The driver of ROS 2 arms: a session without I/O, and the node around it."""
+"""Driver of ROS 2 arms: a session without I/O, and the node around it."""
 
 from __future__ import annotations
 
@@ -30,10 +30,9 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     title = "the ROS 2 arm's driver"
     brakes_within_s = BRAKE_WITHIN_S
     no_final_command_after_s = math.inf
-    """The publisher of the joint states is not the controller."""
+    """False: the publisher of the joint states is not the controller."""
 
     def cautions(self) -> tuple[str, ...]:
-        """Warning about the kind of command."""
         caution = self.options.caution
         return (caution,) if caution else ()
 

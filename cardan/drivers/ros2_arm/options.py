@@ -14,7 +14,7 @@ from cardan.robots import load_arm
 from cardan.types import JointLimits
 
 SILENT_PERIODS = 3
-"""Missed states after which the link is LOST; fewer are a hiccup."""
+"""Missed states after which the link is LOST; fewer are network jitter."""
 
 STATE_RATE_HZ = Range(10.0, 2000.0, "Hz", "slower, three states are a third of a second")
 
@@ -26,7 +26,7 @@ COMMAND_TOPICS: dict[str, str] = {
     "joint_state": "/robot_joint_command",
     "trajectory": "/joint_trajectory_controller/joint_trajectory",
 }
-"""Topics by kinds of command: the names that ros2_control's examples and most robots have."""
+"""Default topics by command kind: those of ros2_control's examples and most robots."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,37 +34,37 @@ class Ros2ArmOptions(NodeOptions):
     """Options of :class:`Ros2Arm`."""
 
     robot: Annotated[str, bounds.ARM_FILE] = "ur5"
-    """An arm's name, or the path of a .toml or .urdf file: names and limits of the joints. Empty:
-    `joints` names them, and `robot_description` has the limits."""
+    """An arm's name, or the path of a .toml or .urdf file, for names and limits of the joints.
+    Empty: names are from `joints`, limits from `robot_description`."""
     joints: tuple[str, ...] = ()
-    """The joints' names on ROS 2 in kinematic order, where they are not those of `robot`, as with
-    a prefix ("left_shoulder_pan_joint"); empty: as in `robot`."""
+    """Names of the joints on ROS 2 in kinematic order if they differ from those of `robot`, for
+    instance by a prefix ("left_shoulder_pan_joint"); empty: as in `robot`."""
     transport: Literal["zenoh", "dds"] = "zenoh"
-    """Middleware of the robot's nodes, by their RMW_IMPLEMENTATION: zenoh: rmw_zenoh_cpp; dds:
+    """Middleware of the robot's nodes by their RMW_IMPLEMENTATION: zenoh: rmw_zenoh_cpp; dds:
     rmw_cyclonedds_cpp or rmw_fastrtps_cpp, which needs the plug-in cardan-dds."""
     dds_config: Annotated[str, bounds.DDS_CONFIG] = ""
-    """For dds: configuration of Cyclone DDS, XML or file://PATH. Empty: CYCLONEDDS_URI where that
-    is set, or else this computer alone."""
+    """For dds: configuration of Cyclone DDS, XML or file://PATH. Empty: CYCLONEDDS_URI if set,
+    otherwise this computer only."""
     states_topic: str = "/joint_states"
-    """sensor_msgs/JointState, of the joint_state_broadcaster."""
+    """Topic of sensor_msgs/JointState, published by the joint_state_broadcaster."""
     command: Commands = "position"
     """position, velocity: the array of a forward_command_controller with that interface;
     joint_state: a JointState with positions and speeds; trajectory: a JointTrajectory of one point
     for each state, which a joint_trajectory_controller follows with a delay (see the page)."""
     command_topic: str = ""
-    """Topic of commands; empty: by `command`, as `forward_position_controller` calls it."""
+    """Topic of commands; empty: by `command`, such as that of `forward_position_controller`."""
     description_topic: str = "/robot_description"
-    """The robot's URDF; needed where `robot` is empty."""
+    """Topic of the robot's URDF; needed if `robot` is empty."""
     rate_hz: Annotated[float, STATE_RATE_HZ] = 100.0
-    """How often the robot publishes its joint states: the controller manager's update_rate."""
+    """Rate at which the robot publishes joint states: the controller manager's update_rate."""
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Silence (at least three periods) after which the link is LOST."""
     simulated_time: bool = False
     """The controller is a simulation (Gazebo) whose time may pass faster or slower than this
     computer's: no difference in speed is a fault. The arm is never faster than commanded, and
-    slower where the simulation is."""
+    slower if the simulation is."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.1
-    """How far measured joints are behind commanded ones in good order."""
+    """Normal lag of the measured joints behind the commanded ones."""
     name: str = "cardan_arm_driver"
     """Name of this driver's node."""
 
@@ -93,7 +93,7 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def caution(self) -> str:
-        """Disadvantage of `command`; empty: none."""
+        """Warning about a disadvantage of `command`; empty if it has none."""
         if self.command == "trajectory":
             return (
                 "command = 'trajectory' sends single points, each of which replaces the one "
@@ -128,15 +128,15 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints' names on ROS 2 in kinematic order."""
+        """Names of the joints on ROS 2 in kinematic order."""
         return self.joints or load_arm(self.robot).joint_names
 
     @property
     def limits(self) -> JointLimits | None:
-        """Limits of `robot`; None where it is empty."""
+        """Limits of `robot`; None if it is empty."""
         return load_arm(self.robot).limits if self.robot else None
 
     @property
     def lost_after_s(self) -> float:
-        """The silence after which the robot counts as lost, s."""
+        """Silence after which the link is LOST, s."""
         return max(self.silence_s, SILENT_PERIODS * self.period_s)

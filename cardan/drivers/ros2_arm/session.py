@@ -1,9 +1,10 @@
-"""A ROS 2 arm without I/O: joint states to states of the robot, commands to messages.
+"""Session with a ROS 2 arm, without I/O: converts joint states to robot states, and commands to
+messages.
 
-Joint states are ordered by the number that their publisher gives each message, and by nothing else:
-stamps may be of any clock. A single publisher of the arm's joints counts. While another is heard,
-nothing is commanded: one of them is not the arm. A new publisher counts when the previous has
-fallen silent (its node was restarted), and begins a new session, as do stamps that go back.
+Joint states are ordered only by their publisher's sequence numbers: stamps may be of any clock. A
+single publisher of the arm's joints counts. While another is heard, nothing is commanded, because
+one of them is not the arm. A new publisher counts when the previous one has fallen silent (its node
+was restarted), and begins a new session, as do stamps that go back.
 """
 
 from __future__ import annotations
@@ -40,31 +41,31 @@ COMMAND_TYPES = {
     "joint_state": "sensor_msgs/msg/JointState",
     "trajectory": "trajectory_msgs/msg/JointTrajectory",
 }
-"""Types of messages by kinds of command."""
+"""Message types by command kind."""
 
 BRIDGED_S, BRIDGED_PERIODS = 0.015, 3.1
-"""Two commands that are no farther apart than one of these are bridged as if the robot had gone on:
-a state that the network lost, a process that waited. After a longer time a robot that is sent
-positions has stopped; and by a longer step it would overshoot."""
+"""Longest time between two commands that is bridged as if the robot had continued, in s or in
+periods: a lost state, a suspended process. After a longer time a robot commanded by positions has
+stopped, and the step would overshoot."""
 
 FARTHEST_BEHIND = 0.2
-"""rad or m: a joint that has lost more way than this, stop after stop, is not brought back as
-missed cycles, which would move it long after the operator's release: a new session begins."""
+"""Largest distance, rad or m, lost in repeated stops that is handled as missed cycles; more would
+move the joint long after the operator's release, so a new session begins."""
 
 POINT_AHEAD_S = 0.05
-"""A trajectory's point is so far ahead, and at least three periods: nearer ones are reached, and
-the arm stands until the next."""
+"""Time of a trajectory's point from now, at least three periods: nearer points are reached, and the
+arm stands until the next."""
 
 STOP_TOLERANCE = 0.05
-"""rad or m: a joint that rests on its stop may be measured beyond it."""
+"""Tolerance of a joint measured beyond its stop, rad or m."""
 
 LIVING_S = 1.0
-"""A publisher that was heard within this time is there: the slowest usual one, a
+"""Time since the last message within which a publisher counts as present: the slowest usual one, a
 joint_state_publisher, sends at 10 Hz."""
 
 NO_GAP_S = 0.5 * LIVING_S
-"""Between messages of a publisher that is heard all the time. After a longer gap it may be this
-computer that stood still, and the messages of the one that counts come next."""
+"""Longest gap in the messages of a publisher that counts as heard without a gap. After a longer one
+this computer may have paused, and messages of the publisher that counts come next."""
 
 RIVALS_KEPT = 64
 """Most other publishers of the arm's joints that are tracked."""
@@ -81,24 +82,24 @@ ADVICE = {
         "dds_config says otherwise, and is states_topic its topic?"
     ),
 }
-"""Advice for missing joint states, by transport."""
+"""Advice on missing joint states, by transport."""
 
 
 class JointStates(NamedTuple):
-    """A message of joint states, joints in kinematic order."""
+    """Message with joint states, joints in kinematic order."""
 
     session: int
     sequence: int
     stamp_ns: int
-    """Stamp by the robot's clock; 0: it gives none."""
+    """Stamp by the robot's clock; 0 if it has none."""
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
-    """Empty where they are not reported."""
+    """Empty if they are not reported."""
     efforts: tuple[float, ...]
 
 
 class _Sender:
-    """The publisher of joint states that counts."""
+    """Publisher of joint states that counts."""
 
     __slots__ = ("gid", "heard_s", "sequence", "stamp_ns")
 
@@ -111,24 +112,23 @@ class _Rival(NamedTuple):
     """Another publisher of the arm's joints."""
 
     since_s: float
-    """Time since which it alone was heard, without a gap."""
+    """Time since which only this one was heard, without a gap."""
     heard_s: float
     positions: dict[str, float]
-    """Positions of its last message, by its joint names."""
+    """Positions of its last message, by joint name."""
 
 
 class Ros2ArmSession(DatagramSession[JointStates]):
     """Protocol session with an arm: its newest state, and the reference sent to it.
 
-    The reference keeps to the joints' ranges, speeds and accelerations, whatever is commanded.
-    Nothing is sent before the first command that moves: an arm that is only observed gets no
-    messages.
+    The reference stays within the joints' ranges, speeds and accelerations, whatever is commanded.
+    Nothing is sent before the first motion command: an arm that is only observed gets no messages.
     """
 
     controller = "the robot's joint state publisher"
 
     def __init__(self, options: Ros2ArmOptions, limits: JointLimits | None = None) -> None:
-        """`limits`: those of the robot's description, where `robot` is empty."""
+        """Set `limits`, those of the robot's description, if `robot` is empty."""
         self.options = options
         self.advice = ADVICE[options.transport]
         self.names = options.names
@@ -148,33 +148,33 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             AgreedTime(options.period_s, option=SIMULATED_TIME, simulated=options.simulated_time),
         )
         self.taken: Callable[[], bool] = lambda: True
-        """Whether the commands have a subscriber."""
+        """True if the commands have a subscriber."""
         self.named: Callable[[bytes], str] = lambda gid: ""
-        """The node whose publisher has this GID; empty where that is not known."""
+        """Returns the node whose publisher has this GID; empty if unknown."""
         self.listens_until_s = NEVER_S
-        """Time until which a second publisher may still be unheard: nothing is commanded."""
+        """Time until which a second publisher may still be unheard; nothing is commanded before."""
         self.others = 0
-        """Messages of other joints than the arm's."""
+        """Messages about other joints than the arm's."""
         self._codec = codec_of(STATE_TYPE)
         self._dds_type = dds_type(STATE_TYPE)
         self._ours = frozenset(self.names)
         self._order: tuple[tuple[str, ...], tuple[int, ...]] = ((), ())
-        """The names of the message before, and where each of ours is among them."""
+        """Joint names of the previous message, and the index of each of ours among them."""
         self._sender: _Sender | None = None
         self._rivals: dict[bytes, _Rival] = {}
         self._numbered = 0
-        """Sessions of the publishers so far."""
+        """Number of publisher sessions so far."""
         self._bridged_s = max(BRIDGED_S, BRIDGED_PERIODS * options.period_s)
         self._limiter = None if self._limits is None else _limiter(self._limits, self._bridged_s)
         self._lost = SlipCompensation(n)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
-        """The positions asked for in the cycle before, and their speeds."""
+        """Commanded positions of the previous cycle, and their speeds."""
         self._answered: tuple[int, int] | None = None
-        """The session and sequence of the state that was answered last."""
+        """Session and sequence of the last answered state."""
         self._since_s = self._answered_s = 0.0
-        """Time since that state, by the robot's periods; and when it was answered, by ours."""
+        """Time since that state by the robot's periods, and the local time of the answer."""
         self._commanded = False
-        """A command that moves has come since the session began."""
+        """True once a motion command came in this session."""
         self._messages = _Commands(options, self.names)
 
     # -- states ---------------------------------------------------------------------------------
@@ -224,7 +224,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
     def _values(
         self, message: Message, count: int
     ) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]] | str:
-        """Positions, velocities and efforts in kinematic order, or what is wrong."""
+        """Return positions, velocities and efforts in kinematic order, or what is wrong."""
         found: list[tuple[float, ...]] = []
         for key in ("position", "velocity", "effort"):
             given = message[key]
@@ -235,16 +235,17 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             else:
                 return f"joint states with {len(given)} numbers of {key} for {count} joints"
             if key != "position" and any(map(math.isnan, values)):
-                # A joint_state_broadcaster fills in NaN for an interface that there is not.
+                # A joint_state_broadcaster fills in NaN for a missing interface.
                 values = ()
             found.append(values)
         return found[0], found[1], found[2]
 
     def _heard(self, gid: bytes, message: Message, now_s: float) -> _Sender | None:
-        """The publisher `gid` of one of our joints is heard; None: it is not the one that counts.
+        """Record that the publisher `gid` of one of our joints is heard; return None unless it
+        counts.
 
-        Another one does when that one is silent, and it was heard meanwhile for as long as a link
-        may be silent.
+        Another publisher counts once the present one is silent and the other was heard meanwhile
+        for as long as a link may be silent.
         """
         sender, rivals = self._sender, self._rivals
         if sender is not None and sender.gid == gid:
@@ -258,7 +259,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             if now_s - sender.heard_s < LIVING_S or now_s - since_s < self._lost_after_s:
                 if rival is None and len(rivals) >= RIVALS_KEPT:
                     rivals.pop(next(iter(rivals)))
-                # Where there are fewer positions than names, some are not told.
+                # If there are fewer positions than names, some are unknown.
                 reported = dict(zip(message["name"], message["position"], strict=False))
                 rivals[gid] = _Rival(since_s, now_s, reported)
                 return None
@@ -268,7 +269,8 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return sender
 
     def _rivalry(self, message: JointStates, now_s: float) -> str:
-        """Describe other publishers of our joints than the one that counts; empty: none."""
+        """Describe other publishers of our joints than the one that counts; empty if there are
+        none."""
         there = {gid: each for gid, each in self._rivals.items() if now_s - each.heard_s < LIVING_S}
         if not there or self._sender is None:
             return ""
@@ -295,11 +297,12 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             self._limiter.reset(message.positions)
         self._lost.reset()
         self._asked = self._answered = None
-        # A controller of speeds goes on at the last one, unless it is sent zeros.
+        # A velocity controller keeps the last speed, unless it is sent zeros.
         self._commanded = self._commanded and self.options.command == "velocity"
 
     def receive(self, data: Received, now_s: float) -> RobotState | None:
-        """Return the state in a message, stamped `now_s`; None if invalid, late or double."""
+        """Return the state in a message, stamped `now_s`; None if it is invalid, late or a
+        duplicate."""
         state = super().receive(data, now_s)
         if state is None or self.message is None:
             return None
@@ -332,7 +335,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         )
 
     def _period(self, message: JointStates, before: JointStates | None, now_s: float) -> float:
-        """Time since the state before, by the stamps where they make sense."""
+        """Time since the previous state, by plausible stamps."""
         if before is None:
             return self.options.period_s
         if message.stamp_ns and before.stamp_ns:
@@ -378,11 +381,10 @@ class Ros2ArmSession(DatagramSession[JointStates]):
 
     @property
     def moving(self) -> bool:
-        """Whether what was sent last moves the arm."""
         return self._commanded and self._limiter is not None and any(self._limiter.velocity)
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
-        """The message that answers the newest state; none to the same state again."""
+        """Return the message that answers the newest state; none if it has been answered."""
         self.check(command)
         message, limiter = self.message, self._limiter
         if message is None or limiter is None:
@@ -391,7 +393,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         if number == self._answered:
             return None
         if self._answered is not None and self._since_s <= 0.0:
-            # No time has passed that both clocks know of: what was sent before is in force.
+            # No time has passed by both clocks: the last message stays in force.
             return None
         if self.state is not None and self.state.hold_reason:
             return self.keepalive(now_s)
@@ -417,10 +419,11 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return self._messages.message(limiter.reference, limiter.velocity)
 
     def _catch_up(self, limiter: JointLimiter, dt_s: float, now_s: float) -> float:
-        """Take the time without a command into account; the time that the next one is for, s."""
+        """Account for the time without a command; return the time that the next command is for,
+        s."""
         waited_s = now_s - self._answered_s
         if waited_s > self._bridged_s:
-            # States that were kept for a process that stood still say nothing of that time.
+            # States queued for a suspended process tell nothing about that time.
             self._since_s = max(self._since_s, waited_s)
         state = self.state
         if state is not None and state.period_s > 0.0:
@@ -433,7 +436,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             limiter.coast(gap_s)
             self._lost.passed(gap_s)
             return dt_s
-        # A forward_command_controller keeps its last position: the arm has stopped there.
+        # A forward_command_controller holds its last position: the arm has stopped there.
         dt_s = self.options.period_s
         gap_s = self._since_s - dt_s
         speeds = tuple(limiter.velocity)
@@ -455,12 +458,12 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         limiter.track(positions, speeds, dt_s)
 
     def keepalive(self, now_s: float) -> bytes | None:
-        """Zeros where speeds were sent, as the controller would keep the last ones: the arm is not
-        measured, or may not be driven."""
+        """Return zeros if speeds were sent, because the controller would keep the last ones: the
+        arm is not measured, or must not be driven."""
         return self.final_command(now_s) if self.options.command == "velocity" else None
 
     def final_command(self, now_s: float) -> bytes | None:
-        """Message that stops the arm when none follows it: its reference, at rest."""
+        """Return the message that stops the arm if none follows: its reference, at rest."""
         if not self._commanded or self._limiter is None:
             return None
         return self._messages.message(self._limiter.reference, (0.0,) * self._count)
@@ -476,7 +479,7 @@ def _limiter(limits: JointLimits, longest_period_s: float) -> JointLimiter:
 
 
 class _Commands:
-    """Encodes commands in place."""
+    """Encoder of commands in place."""
 
     def __init__(self, options: Ros2ArmOptions, names: Sequence[str]) -> None:
         self._kind = options.command
@@ -505,7 +508,7 @@ class _Commands:
         ]
 
     def message(self, positions: Sequence[float], velocities: Sequence[float]) -> bytes:
-        """The message of a reference."""
+        """Encode a reference."""
         if self._kind == "velocity":
             self._slots[0](*velocities)
         elif self._kind == "trajectory":

@@ -1,4 +1,4 @@
-"""Transports of the driver of ROS 2 arms to the robot's nodes."""
+"""Transports between the driver of ROS 2 arms and the robot's nodes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, SUBSCRIPTION
 DESCRIPTION_TYPE = "std_msgs/msg/String"
 
 STATES_KEPT = 16
-"""Joint states that wait; the newest of them counts."""
+"""Joint states queued; the newest counts."""
 
 DESCRIPTION_TIMEOUT_S = 5.0
 """Longest wait for the robot's description, which is latched for late subscribers."""
@@ -30,16 +30,16 @@ LOOK_PERIOD_S = 0.1
 
 
 class Ros2Transport(DatagramTransport, Protocol):
-    """A transport that also knows the graph."""
+    """Transport with access to the graph."""
 
     def taken(self) -> bool:
-        """Whether the commands have a subscriber."""
+        """True if the commands have a subscriber."""
 
     def publisher(self, gid: bytes) -> str:
-        """The node whose publisher of joint states has this GID; empty where that is not known."""
+        """Return the node whose publisher of joint states has this GID; empty if unknown."""
 
     def description(self) -> str:
-        """The robot's URDF; empty where none comes within DESCRIPTION_TIMEOUT_S."""
+        """Return the robot's URDF; empty if none comes within DESCRIPTION_TIMEOUT_S."""
 
 
 class NodeTransport(ABC):
@@ -60,34 +60,31 @@ class NodeTransport(ABC):
 
     @abstractmethod
     def _found(self) -> bool:
-        """Whether the graph has a subscriber of the commands."""
+        """True if the graph has a subscriber of the commands."""
 
     @abstractmethod
     def publisher(self, gid: bytes) -> str:
-        """The node whose publisher of joint states has this GID; empty where that is not known."""
+        """Return the node whose publisher of joint states has this GID; empty if unknown."""
 
     def now(self) -> float:
-        """The time of the stamps."""
         return time.monotonic()
 
     def send(self, data: bytes | bytearray) -> None:
-        """Publish a command."""
         self._commands.put(data, time.time_ns())
 
     def wait(self) -> Sequence[Received]:
-        """The joint states that came in by the next one."""
+        """Wait for the next joint states and return those received."""
         first = self._states.wait(WAKE_S)
         return () if first is None else (first, *self.waiting())
 
     def waiting(self) -> Sequence[Received]:
-        """The joint states received already."""
         found = []
         while (each := self._states.poll()) is not None:
             found.append(each)
         return found
 
     def taken(self) -> bool:
-        """Whether the commands have a subscriber."""
+        """True if the commands have a subscriber."""
         now_s = self.now()
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_PERIOD_S
@@ -95,7 +92,7 @@ class NodeTransport(ABC):
         return self._taken
 
     def description(self) -> str:
-        """The robot's URDF."""
+        """Return the robot's URDF."""
         codec = codec_of(DESCRIPTION_TYPE)
         latched = self._node.waiting_subscription(
             self._options.description_topic, DESCRIPTION_TYPE, 1, LATCHED_QOS
@@ -129,7 +126,6 @@ class ZenohTransport(NodeTransport):
         return bool(self._takers.others())
 
     def publisher(self, gid: bytes) -> str:
-        """Find the node by its liveliness token."""
         domain = self._options.bus.domain
         found = (e.full_node for e in self._publishers.others() if gid_of(e, domain) == gid)
         return next(found, "")
@@ -154,11 +150,9 @@ class DdsTransport(NodeTransport):
         return self._commands.heard
 
     def publisher(self, gid: bytes) -> str:
-        """Find the node by its announcement."""
         return self._graph.writer(gid)
 
     def close(self) -> None:
-        """Leave DDS."""
         self._graph.close()
         super().close()
 

@@ -1,8 +1,8 @@
 """Interpreter of a node's Joy messages, without any I/O and in the caller's time.
 
-A node publishes all the time: spacenav_node each 30 ms at rest, joy_node at its autorepeat_rate of
-20 Hz. So silence is always a fault. But spacenav_node publishes zeros without a device, too, and
-joy_node repeats the last values, whether or not the device still reports:
+Nodes publish continuously: spacenav_node every 30 ms at rest, joy_node at its autorepeat_rate of 20
+Hz. Silence is therefore always a fault. But spacenav_node publishes zeros without a device, too,
+and joy_node repeats the last values, whether or not the device still reports:
 
 - After opening or a loss the axes are zero (NEEDS_NEUTRAL) until the device was moved, or a button
   pressed, and then was seen at rest: zeros alone are no operator.
@@ -27,7 +27,7 @@ from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 JOY_TYPE = "sensor_msgs/msg/Joy"
 
 LARGEST = 1e3
-"""No node's numbers are larger."""
+"""Largest plausible number of a node."""
 
 MOST_BUTTONS = 64
 
@@ -35,15 +35,15 @@ LEAST_REST = 0.02
 """Deflection that counts as rest whatever the dead zone."""
 
 MOST_BYTES = 1 << 18
-"""No message of a device is longer. It is decoded while the arm's loop waits for the state, and one
-of 8 MB takes seconds."""
+"""Longest message, bytes. The arm's loop waits while it is decoded, which takes seconds for 8
+MB."""
 
 SETTLE_S = 0.016
-"""Rest this soon after a silence may be old messages that had queued up."""
+"""Time after a silence in which rest does not count: messages may have been queued."""
 
 
 class BusCore(DeviceCore):
-    """The state of a device whose messages come on a topic. Times are monotonic, s."""
+    """State of a device whose messages come on a topic. Times are monotonic, s."""
 
     message_type: ClassVar[str]
 
@@ -59,23 +59,23 @@ class BusCore(DeviceCore):
         self._sender = b""
         self._sequence, self._source_ns = -1, -1
         self._last_s = NEVER_S
-        """Time of opening, or of the last new message."""
+        """Time of opening, or of the last new message, s."""
 
     @property
     @abstractmethod
     def labels(self) -> tuple[str, ...]:
-        """Names of the buttons, as far as they are known."""
+        """Names of the buttons, as far as known."""
 
     @abstractmethod
     def on_opened(self, now_s: float) -> None:
-        """The sender was found (again)."""
+        """Start after the sender was found (again)."""
 
     def _forget_sender(self, now_s: float) -> None:
         self._sender, self._sequence, self._source_ns = b"", -1, -1
         self._last_s = now_s
 
     def on_received(self, received: Received, now_s: float) -> None:
-        """A message came. Never raises."""
+        """Process a message. Never raises."""
         if not self._open:
             return
         self._watch(now_s)
@@ -95,10 +95,10 @@ class BusCore(DeviceCore):
 
     @abstractmethod
     def _on_message(self, message: Message, now_s: float) -> None:
-        """A new message of the sender that counts."""
+        """Process a new message of the sender that counts."""
 
     def _is_next(self, received: Received) -> bool:
-        """Whether it is a new message of the node that counts."""
+        """True for a new message of the node that counts."""
         attachment = received.attachment
         if attachment is None:
             self._on_malformed("without the attachment that nodes of ROS 2 have", -1)
@@ -116,23 +116,23 @@ class BusCore(DeviceCore):
         return True
 
     def _on_other_sender(self) -> None:
-        """Prepare for messages of another sender than before."""
+        """Prepare for messages of another sender."""
 
 
 class JoyCore(BusCore):
-    """The state of the device behind one node."""
+    """State of the device behind one node."""
 
     message_type = JOY_TYPE
 
     def __init__(self, options: JoyOptions, touch: str) -> None:
-        """`touch`: instruction that makes the operator show that there is a device."""
+        """Set `touch`, the instruction by which the operator shows that there is a device."""
         super().__init__()
         self._options = options
         self._touch = touch
         self._shaper = Shaper(options)
         self._plain, self._shifted = options.mapped
         self._values: tuple[float, ...] = ()
-        """The message's axes, -1..1."""
+        """Axes of the newest message, -1..1."""
         self._first: tuple[float, ...] | None = None
         """Axes of the first message since the device was opened."""
         self._touched = False
@@ -140,11 +140,9 @@ class JoyCore(BusCore):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the buttons; empty before the first message."""
         return tuple(f"button-{number}" for number in range(self._button_count))
 
     def on_opened(self, now_s: float) -> None:
-        """The node was found (again)."""
         self._on_other_sender()
         self._forget_sender(now_s)
         self._begin(f"not seen at rest yet: {self._touch}", now_s)
@@ -171,7 +169,7 @@ class JoyCore(BusCore):
         self._button_count = len(buttons)
         self._values = values
         self._buttons.set([f"button-{i}" for i, down in enumerate(buttons) if down], now_s)
-        # Axes that are never zero, as triggers are, show no hand: what changes does.
+        # Axes that are never zero, such as triggers, prove no operator; changes do.
         self._first = self._first or values
         at_rest = not any(self._strongly(self._raw(axes)) for axes in (self._plain, self._shifted))
         if not at_rest or any(buttons) or self._changed(values):

@@ -15,32 +15,32 @@ FULL_SCALE = Range(0.01, 1000.0, "", "no node's numbers are larger")
 AXIS = Range(-32, 32, "", "no message has more axes")
 
 Six = tuple[int, int, int, int, int, int]
-"""Which axis of the message, from 1, is x, y, z, roll, pitch and yaw; negative: the other way
-round; 0: none."""
+"""Index of the message's axis, from 1, for x, y, z, roll, pitch and yaw; negative: inverted; 0:
+none."""
 
 LAYOUTS: dict[str, tuple[Six, Six]] = {
     "spacenav": ((1, 2, 3, 4, 5, 6), (1, 2, 3, 4, 5, 6)),
     "joy_node": ((2, 1, 5, 0, 0, 4), (0, 0, 5, -1, 2, 4)),
     "game_controller": ((2, 1, 4, 0, 0, 3), (0, 0, 4, -1, 2, 3)),
 }
-"""Axes without and with the shift button held. spacenav_node has ROS's axes. joy_node has a pad's
-as Linux counts them (Xbox: left stick, left trigger, right stick, ...), game_controller_node in its
-own order; both have left and up positive."""
+"""Axes without and with the shift button held. spacenav_node uses ROS's axes, joy_node a pad's in
+Linux's order (Xbox: left stick, left trigger, right stick, ...), game_controller_node its own
+order; both have left and up positive."""
 
 SHIFTS = {"spacenav": "", "joy_node": "button-5", "game_controller": "button-10"}
-"""The right shoulder."""
+"""Shift button: the right shoulder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JoyOptions(NodeOptions, ShapingOptions):
-    """Options that the drivers of both nodes share."""
+    """Options that both nodes' drivers share."""
 
     topic: str = "/joy"
-    """sensor_msgs/Joy."""
+    """Topic of sensor_msgs/Joy."""
     name: str = "cardan_device_driver"
     """Name of this driver's node."""
     full_scale: Annotated[float, FULL_SCALE] = 1.0
-    """The node's number for a full deflection."""
+    """The node's number at full deflection."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.2
     """Silence of the node after which it counts as dead."""
     wait_for_device: bool = False
@@ -53,12 +53,12 @@ class JoyOptions(NodeOptions, ShapingOptions):
 
     @property
     def mapped(self) -> tuple[Six, Six]:
-        """The axes without and with the shift button."""
+        """Axes without and with the shift button."""
         return LAYOUTS["spacenav"]
 
     @property
     def shift_button(self) -> str:
-        """The button to hold for the other axes; empty: none."""
+        """Button to hold for the other axes; empty if there is none."""
         return ""
 
 
@@ -69,10 +69,10 @@ class Ros2SpacenavOptions(JoyOptions):
     topic: str = "/spacenav/joy"
     """sensor_msgs/Joy of spacenav_node: six axes and the buttons in one message."""
     full_scale: Annotated[float, FULL_SCALE] = 0.68
-    """The node's number for a full deflection: 350 counts of most devices by its parameter
-    full_scale of 512."""
+    """The node's number at full deflection: most devices' 350 counts divided by its parameter
+    full_scale, 512."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.1
-    """Silence of the node after which it counts as dead; at rest it publishes each 30 ms."""
+    """Silence of the node after which it counts as dead; at rest it publishes every 30 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,15 +80,15 @@ class Ros2JoyOptions(JoyOptions):
     """Options of :class:`Ros2Joy`."""
 
     layout: Literal["joy_node", "game_controller"] = "joy_node"
-    """Which node's order of axes: left stick x and y, right stick z and yaw."""
+    """Order of axes, by node: left stick x and y, right stick z and yaw."""
     axes: tuple[Annotated[int, AXIS], ...] = ()
-    """Numbers of the message's axes for x, y, z, roll, pitch and yaw, from 1; negative: the other
-    way round; 0: none. Empty: by `layout`."""
+    """Indices of the message's axes for x, y, z, roll, pitch and yaw, from 1; negative: inverted;
+    0: none. Empty: by `layout`."""
     shift: str = ""
     """Button to hold for roll and pitch on the left stick; empty: the right shoulder by `layout`,
-    or none where `axes` are given."""
+    or none if `axes` are given."""
     feedback_topic: str = "/joy/set_feedback"
-    """sensor_msgs/JoyFeedback: the node rumbles; empty: no feedback."""
+    """Topic of sensor_msgs/JoyFeedback for rumble; empty: no feedback."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -98,7 +98,6 @@ class Ros2JoyOptions(JoyOptions):
 
     @property
     def mapped(self) -> tuple[Six, Six]:
-        """The axes without and with the shift button."""
         if self.axes:
             x, y, z, roll, pitch, yaw = self.axes
             given = x, y, z, roll, pitch, yaw
@@ -107,5 +106,4 @@ class Ros2JoyOptions(JoyOptions):
 
     @property
     def shift_button(self) -> str:
-        """The button to hold for the other axes; empty: none."""
         return self.shift or ("" if self.axes else SHIFTS[self.layout])

@@ -1,4 +1,4 @@
-"""The simulated joint-controlled arm: in this process, or a served one over UDP."""
+"""Simulated joint-controlled arm: in this process, or a served one over UDP."""
 
 from cardan.drivers.sim_arm.driver import SimArm as SimArm
 from cardan.drivers.sim_arm.options import SimArmOptions as SimArmOptions

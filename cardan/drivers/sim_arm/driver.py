@@ -1,8 +1,8 @@
-"""The driver of the simulated arm.
+"""Driver of the simulated arm.
 
-It is the one driver that imports a simulated peer: with transport "in-process" its hardware is the
-simulated arm, and there is nothing else to open. Datagrams are exchanged all the same, so both
-transports go through the same code and have the same faults.
+As the only driver it imports a simulated peer: with transport "in-process" the simulated arm is its
+hardware. Datagrams are exchanged all the same, so both transports use the same code and have the
+same faults.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ _monotonic = time.monotonic
 
 
 _YIELD_S = 1e-5
-"""Pause in each virtual cycle while the process has other threads. A loop that never waits keeps
-the interpreter for 5 ms at each of their calls that releases the GIL: work of 20 ms would take
-them half a minute."""
+"""Pause in each virtual cycle while the process has other threads. A loop that never waits holds
+the interpreter for 5 ms at each of their calls that release the GIL: 20 ms of their work would take
+half a minute."""
 
 
 class _InProcess:
-    """The arm in this process, which runs while the driver waits for its next cycle."""
+    """Arm in this process, which runs while the driver waits for its next cycle."""
 
     def __init__(self, options: SimArmOptions) -> None:
         from cardan.sim_peers.arm.controller import SimulatedArm
 
         self.arm = SimulatedArm(options.arm_options)
         self.lateness = LatencyHistogram()
-        """Lateness of the begin of each cycle."""
+        """Lateness at the start of each cycle."""
         self.missed = 0
-        """Instants that were left out: the next one was due when their turn came."""
+        """Instants skipped because the next one was already due."""
         self._period_s = options.period_s
         self._virtual = options.pacing == "virtual"
         self._cycle_s = 0.0 if self._virtual else _monotonic()
@@ -66,10 +66,10 @@ class _InProcess:
                 return data
 
     def waiting(self) -> list[bytes]:
-        return []  # The arm runs in `wait` only.
+        return []  # The arm runs only in `wait`.
 
     def _next_deadline(self) -> None:
-        """Sleep until the next instant of the absolute schedule; those missed are left out."""
+        """Sleep until the next instant of the absolute schedule; missed instants are skipped."""
         self._cycle_s += self._period_s
         ahead_s = self._cycle_s - _monotonic()
         if ahead_s > 0.0:
@@ -86,12 +86,12 @@ class _InProcess:
 
 
 class SimArm(DatagramRobot[SimArmSession]):
-    """A simulated joint-controlled arm, for everything that can be done without hardware.
+    """A simulated joint-controlled arm, for work without hardware.
 
     It takes joint positions, joint speeds and (with dynamic drives) torques. A state that the
-    application does not answer is answered with a hold; `close` leaves a hold too. In process the
-    simulated time runs in `cycles` only. `RobotState.wrench` is what the TCP exerts on the world,
-    base axes. With pacing "virtual" stamps count from 0 and nothing ever sleeps.
+    application does not answer is answered with a hold; `close` sends a hold, too. In process the
+    simulated time runs only in `cycles`. `RobotState.wrench` is the wrench of the TCP on its
+    environment, in base axes. With pacing "virtual" stamps count from 0 and nothing sleeps.
     """
 
     Options: ClassVar[type[SimArmOptions]] = SimArmOptions
@@ -107,12 +107,12 @@ class SimArm(DatagramRobot[SimArmSession]):
 
     @property
     def arm(self) -> SimulatedArm | None:
-        """The arm in this process, to look at or to disturb; None while closed and over UDP."""
+        """Arm in this process, for observation or disturbances; None while closed and over UDP."""
         transport = self._transport
         return transport.arm if isinstance(transport, _InProcess) else None
 
     def metrics(self) -> dict[str, float]:
-        """Counts; in process in real time how well the period is kept, too."""
+        """Return counts, and in process in real time the accuracy of the period."""
         found, transport = super().metrics(), self._transport
         if isinstance(transport, _InProcess) and self.options.pacing == "real-time":
             lateness = transport.lateness

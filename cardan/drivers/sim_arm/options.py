@@ -1,4 +1,4 @@
-"""Options of the simulated arm's driver."""
+"""Options of the driver of the simulated arm."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cardan.sim_peers.base import parse_faults
 from cardan.types import JointLimits, Vector3
 
 SILENT_PERIODS = 3
-"""Missed states after which the link is LOST; fewer are a hiccup."""
+"""Missed states after which the link is LOST; fewer are network jitter."""
 
 _Meter = Annotated[float, bounds.COORDINATE_M]
 _Radius = Annotated[float, bounds.LENGTH_M]
@@ -37,18 +37,18 @@ class SimArmOptions(Options):
     robot: Annotated[str, bounds.ARM_FILE] = "ur5"
     """An arm's name, or the path of a .toml or .urdf file."""
     transport: Literal["in-process", "udp"] = "in-process"
-    """Place of the arm."""
+    """in-process: the arm runs in this process; udp: a served arm."""
     endpoint: str = "127.0.0.1:6520"
     """HOST:PORT of a served arm (`cardan sim arm`), for transport "udp"."""
     pacing: Literal["real-time", "virtual"] = "real-time"
-    """virtual: cycles come as fast as they are taken, with stamps that count from 0 s; for tests
-    and benchmarks whose other parts take their time from the states. In-process only."""
+    """virtual: cycles come as fast as they are consumed, with stamps from 0 s; for tests and
+    benchmarks that take their time from the states. In-process only."""
     period_s: Annotated[float, PERIOD_S] = 0.002
-    """The controller's cycle; udp: as the peer's."""
+    """Cycle of the controller; udp: the peer's."""
     drive: Literal["dynamic", "ideal"] = "dynamic"
     """ideal: the joints are exactly where they are commanded to be."""
     gravity_feedforward: bool = False
-    """The servo knows gravity: hardly any sag."""
+    """True: the servo compensates gravity, with hardly any sag."""
     planes: tuple[tuple[_Meter, _Meter, _Meter, _Component, _Component, _Component], ...] = ()
     """Solid half spaces: x y z of a point in m and the outward normal, base frame."""
     spheres: tuple[tuple[_Meter, _Meter, _Meter, _Radius], ...] = ()
@@ -101,7 +101,8 @@ class SimArmOptions(Options):
 
     @property
     def arm_options(self) -> SimulatedArmOptions:
-        """Options of the simulated arm in this process. Raises a CardanError for a bad one."""
+        """Return options of the simulated arm in this process. Raises a CardanError for an invalid
+        one."""
         return SimulatedArmOptions(
             robot=self.robot,
             plant=PlantOptions(
@@ -120,12 +121,12 @@ class SimArmOptions(Options):
 
     @property
     def lost_after_s(self) -> float:
-        """The silence after which the controller counts as lost, s."""
+        """Silence after which the link is LOST, s."""
         return max(self.silence_s, SILENT_PERIODS * self.period_s)
 
     @property
     def joint_limits(self) -> JointLimits:
-        """The arm's."""
+        """Joint limits of the arm."""
         return load_arm(self.robot).limits
 
 

@@ -1,4 +1,4 @@
-"""The client's side of the joint stream, sans I/O: datagrams to states, commands to datagrams."""
+"""Client side of the joint stream, sans I/O: datagrams to states, commands to datagrams."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from cardan.types import (
 _TOLERANCE = 1e-9
 
 _STOP_TOLERANCE = 0.02
-"""rad or m: a joint that rests on its stop may be measured, and so commanded, beyond it."""
+"""Tolerance of a joint measured, and so commanded, beyond its stop, rad or m."""
 _SEQUENCES = 1 << 32
 
 
@@ -77,7 +77,7 @@ class SimArmSession(DatagramSession[ArmState]):
         self._sequence = 0
         self._lost = SlipCompensation(n)
         self._asked: tuple[JointCommand, float] | None = None
-        """The positions commanded last, and the agreed time of the state that they answered."""
+        """Last commanded positions, and the agreed time of the state that they answered."""
 
     # -- states ---------------------------------------------------------------------------------
 
@@ -119,11 +119,11 @@ class SimArmSession(DatagramSession[ArmState]):
     # -- commands -------------------------------------------------------------------------------
 
     def keepalive(self, now_s: float) -> bytes:
-        """A hold that asks to be sent states."""
         return self._encode(0, now_s, ControlMode.HOLD)
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
-        """The datagram of `command`; None before any state. CommandError for one that cannot be."""
+        """Return the datagram of `command`; None before any state. Raises CommandError for an
+        invalid one."""
         self.check(command)
         if self.message is None:
             return None
@@ -145,7 +145,7 @@ class SimArmSession(DatagramSession[ArmState]):
     def _going_on(
         self, command: JointCommand, state: ArmState
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Positions and speeds of `command`, of which time that was lost is not made up for."""
+        """Positions and speeds of `command`, adjusted not to make up for missed time."""
         time_s = self.clock.time_s
         asked, self._asked = self._asked, (command, time_s)
         lost, speeds = self._lost, command.velocities
@@ -171,7 +171,8 @@ class SimArmSession(DatagramSession[ArmState]):
         )
 
     def _pass(self, gap_s: float, before: tuple[float, ...], state: ArmState) -> None:
-        """The arm has gone on by itself for `gap_s`; after too long it has braked."""
+        """Account for `gap_s` in which the arm continued by itself; after a long gap it has
+        braked."""
         if state.mode is not ControlMode.HOLD:
             self._lost.passed(gap_s)
             return

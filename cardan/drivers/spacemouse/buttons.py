@@ -14,23 +14,24 @@ ButtonReport = ButtonBits | KeysDown | LongPress | LongPressBits
 _V3DK_BITS: Mapping[int, str] = MappingProxyType({code - 1: V3DK[code] for code in V3DK})
 _TWO_BUTTON_REPORT_BYTES = 3
 _WHOLE = frozenset({ButtonBits, KeysDown})
-"""Kinds of reports that name all keys that are down, of those they know."""
+"""Kinds of reports that name all pressed keys they know."""
 
 
 class Buttons(ButtonEdges):
     """The buttons of one device of `model`.
 
     Of an unknown model (None) and of a receiver, what is paired shows in the length of report 3:
-    three bytes are a two-button device's "left" and "right", more are the vendor's key numbers.
-    A long press that has a meaning of its own is one more button, held until its key goes. The last
-    contents of each report are kept after `release_all`: other reports do not show its buttons.
+    three bytes are a two-button device's "left" and "right", more are the vendor's key numbers. A
+    long press with its own meaning is one more button, held until its key is released. The last
+    contents of each report are kept after `release_all`, because other reports do not show its
+    buttons.
     """
 
     def __init__(self, model: Model | None) -> None:
         super().__init__()
         self.model = model
         self._heard: set[type[ButtonReport]] = set()
-        """Kinds of reports that came since the device was opened."""
+        """Kinds of reports received since the device was opened."""
         self._bits: list[str] = []
         self._keys: list[str] = []
         self._long_bits: list[str] = []
@@ -38,20 +39,21 @@ class Buttons(ButtonEdges):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the buttons, lowest first; empty when the model is unknown."""
+        """Labels of the buttons, lowest first; empty if the model is unknown."""
         if self.model is None:
             return ()
         own = self.model.buttons.values()
         return tuple(dict.fromkeys((*TWO_BUTTONS.values(), *own) if self.model.receiver else own))
 
     def on_opened(self) -> None:
-        """The device was opened (again): what its first report names may be down since long."""
+        """Start after the device was opened (again): keys in its first reports may be pressed for
+        long."""
         self._heard.clear()
 
     def on_report(self, value: ButtonReport, size: int, now_s: float) -> None:
-        """Take a report of `size` bytes; each has the whole state of its buttons.
+        """Process a report of `size` bytes, with the complete state of its buttons.
 
-        The size tells how to read the buttons of an unknown model, and is nothing otherwise.
+        The size tells how to read the buttons of an unknown model, and is ignored otherwise.
         """
         if isinstance(value, ButtonBits):
             labels = self._labels_of(size)
@@ -68,7 +70,7 @@ class Buttons(ButtonEdges):
             down = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
         kind = type(value)
         if kind not in self._heard:
-            # It is unknown which of several was pressed now. A long press is no new one.
+            # Which of several was pressed now is unknown. A long press is no new one.
             if len(down) > 1 and (kind in _WHOLE or not self._heard):
                 self.mask(down)
             self._heard.add(kind)

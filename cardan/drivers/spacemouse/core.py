@@ -1,7 +1,7 @@
 """Interpreter of a SpaceMouse's reports, without any I/O and in the caller's time.
 
-A device at rest is silent, and a deflected one reports all the time (over HID a pair of halves or
-one whole report each 16 ms). So silence counts as rest only after a report of rest:
+A device at rest is silent, and a deflected one reports continuously (over HID a pair of halves or
+one whole report every 16 ms). Silence counts as rest only after a report of rest:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until both translation and
   rotation were reported inside the dead zone. An untouched device sends nothing, so the operator
@@ -37,7 +37,7 @@ from cardan.protocols.hid import MalformedReport
 from cardan.types import NEVER_S, Axes, DeviceLink
 
 REPORT_PERIOD_S = 0.016
-"""A deflected HID device repeats each half, or its whole report, this often."""
+"""Period at which a deflected HID device repeats each half, or its whole report."""
 
 STALE_AFTER_S = 0.09
 """Silence of a deflected HID device after which the link is STALE. The state must be neutral within
@@ -47,24 +47,24 @@ SLOW_STALE_AFTER_S = 0.1
 """The same for a device that reports less often."""
 
 GAP_AFTER_S = 3 * REPORT_PERIOD_S
-"""Silence of a deflected device beyond this is counted."""
+"""Shortest silence of a deflected device that is counted."""
 GAP_PERIODS = 1.5
 """The same for a slow device, in periods."""
 
 SETTLE_S = REPORT_PERIOD_S
-"""Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
+"""Time after a silence in which reports of rest do not count: they may have been queued."""
 
 LOW_BATTERY_PERCENT = 10
 
 PLAUSIBLE_FULL_SCALE = (100, 2048)
-"""Counts; a report descriptor that declares anything else is ignored."""
+"""Plausible full scale, counts; a report descriptor that declares another is ignored."""
 
 OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
 RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 
 
 class _Half:
-    """Translation or rotation: the newest counts, when they came, and whether they are rest."""
+    """Translation or rotation: the newest counts, their time, and whether they are rest."""
 
     __slots__ = ("active", "at_rest", "counts", "name", "stamp_s", "zero")
 
@@ -75,9 +75,9 @@ class _Half:
         """Counts at rest, subtracted from `counts`; None: all zero."""
         self.counts = (0, 0, 0)
         self.active = False
-        """Outside the dead zone."""
+        """True outside the dead zone."""
         self.at_rest = False
-        """Reported inside the dead zone since rest has to be shown again."""
+        """True once reported inside the dead zone since rest was last required."""
 
     def forget(self) -> None:
         self.counts = (0, 0, 0)
@@ -85,7 +85,7 @@ class _Half:
 
 
 class SpaceMouseCore(DeviceCore):
-    """The state of one device. Times are monotonic, s; `now_s` may step back a little.
+    """State of one device. Times are monotonic, s; `now_s` may step back a little.
 
     `model` may be unknown (None): the family is found from the reports in any case.
     """
@@ -100,10 +100,10 @@ class SpaceMouseCore(DeviceCore):
         self._drift = DriftDetector()
         self._buttons: Buttons = Buttons(model)
         self._resumed_reason = RESUMED_REASON
-        """The reason once a STALE device is heard of again."""
+        """Reason to report once a STALE device is heard again."""
         self._low_battery = False
         self._split: bool | None = None
-        """Whether the device reports in halves; None: not known yet."""
+        """True if the device reports in halves; None: unknown yet."""
         self._last_half: _Half | None = None
         self._active = False
         self._active_since_s = NEVER_S
@@ -111,7 +111,7 @@ class SpaceMouseCore(DeviceCore):
         self._set_period(REPORT_PERIOD_S)
         self._set_model(model, None)
 
-    # -- what happens to the device ------------------------------------------------------------
+    # -- events of the device -------------------------------------------------------------------
 
     def on_opened(
         self,
@@ -120,10 +120,10 @@ class SpaceMouseCore(DeviceCore):
         descriptor_full_scale: int | None = None,
         period_s: float = REPORT_PERIOD_S,
     ) -> None:
-        """The device was opened (again): what was known of it is void.
+        """Start after the device was opened (again): the previous state is void.
 
-        `descriptor_full_scale` is what its report descriptor declares, counts; `period_s` is how
-        often it reports while deflected.
+        `descriptor_full_scale` is from its report descriptor, in counts; `period_s` is its report
+        period while deflected.
         """
         self._set_model(model, descriptor_full_scale)
         self._set_period(period_s)
@@ -136,13 +136,14 @@ class SpaceMouseCore(DeviceCore):
         self._buttons.on_opened()
 
     def on_report(self, report: bytes, now_s: float) -> None:
-        """An input report of its true length was received at `now_s`. Never raises."""
+        """Process an input report of its true length, received at `now_s`. Never raises."""
         self.on_value(decode_input(report), now_s, len(report))
 
     def on_value(self, value: InputReport, now_s: float, size: int = 0) -> None:
-        """Take the contents of a report received at `now_s`. Never raises.
+        """Process the contents of a report received at `now_s`.
 
-        `size` is the report's length, which tells more about some; 0 where there is none.
+        Never raises. `size` is the report's length, which helps to interpret some; 0 if it has
+        none.
         """
         if not self._open:
             return
@@ -164,20 +165,20 @@ class SpaceMouseCore(DeviceCore):
         else:
             self._buttons.on_report(value, size, now_s)
 
-    # -- what it says --------------------------------------------------------------------------
+    # -- reports --------------------------------------------------------------------------------
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the buttons, lowest first; empty when the model is unknown."""
+        """Labels of the buttons, lowest first; empty if the model is unknown."""
         return self._buttons.labels
 
     @property
     def full_scale(self) -> float:
-        """Counts of a full deflection."""
+        """Counts at full deflection."""
         return self._full_scale
 
     def rezero(self, now_s: float) -> None:
-        """Take the resting position of the cap as zero, until the device is opened again.
+        """Set the zero to the cap's resting position, until the device is opened again.
 
         Raises CommandError unless the cap rests: silent, or constant for `DRIFT_AFTER_S`.
         """
@@ -257,7 +258,7 @@ class SpaceMouseCore(DeviceCore):
         self._after_motion(now_s)
 
     def _may_be_padded_half(self, size: int) -> bool:
-        """Whether a long report 1 without rotation may be the zero-filled half of a SPLIT model."""
+        """True if a long report 1 without rotation may be the zero-padded half of a SPLIT model."""
         model = self._model
         return size > MOTION_BYTES and model is not None and model.family is Family.SPLIT
 
@@ -302,7 +303,6 @@ class SpaceMouseCore(DeviceCore):
             self._drift.update(self._raw(), self._full_scale, now_s)
 
     def _watch(self, now_s: float) -> None:
-        """Check for silence of a deflected device, or of one half of it."""
         if not self._active:
             return
         translation, rotation = self._translation, self._rotation

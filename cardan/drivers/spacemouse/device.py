@@ -1,4 +1,4 @@
-"""The SpaceMouse driver: a thread that reads the device and feeds the core."""
+"""SpaceMouse driver: a thread that reads the device and feeds the core."""
 
 from __future__ import annotations
 
@@ -36,30 +36,30 @@ from cardan.protocols.connexion.reports import (
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 READ_TIMEOUT_S = 0.05
-"""Longest wait for a report; the reader serves the LED and checks for its end in between."""
+"""Longest wait for a report; meanwhile the reader serves the LED and checks for its end."""
 
 BIND_TIMEOUT_S = 0.004
 """Wait for each interface of a receiver in turn, until one sends."""
 
 MAX_DRAINED = 64
-"""Most reports processed in a row; then other threads can read the state."""
+"""Most reports processed in a row before other threads can read the state."""
 YIELD_S = 0.0005
 
 MUTE_AFTER_S = 10.0
-"""Silence after opening from which another program may hold the device."""
+"""Silence after opening that suggests that another program holds the device."""
 
 USB_HINT = 'hidapi does not show it: transport = "usb" opens it, and takes it from other programs'
-""""auto" does not try raw USB, which would take the device from the kernel's driver."""
+"""Advice if only raw USB shows a device; "auto" does not take it from the kernel's driver."""
 
 SPEAKING_IDS = frozenset({TRANSLATION_ID, ROTATION_ID, BUTTONS_ID, KEYS_DOWN_ID})
-"""Reports that only an interface with a puck behind it sends."""
+"""Reports sent only by an interface with a puck behind it."""
 
 
 class SpaceMouse(ReadDevice[SpaceMouseCore]):
     """A 3Dconnexion six-axis device (SpaceMouse, SpaceNavigator and kin) as an operator device.
 
-    Its axes are LIVE only after the cap was seen at rest; see :mod:`.core` for the rules. It is
-    opened again by itself after it was unplugged. `transports` replaces the ways to devices.
+    Its axes are LIVE only after the cap was seen at rest; see :mod:`.core` for the rules. An
+    unplugged device is reopened automatically. `transports` replaces the default transports.
     """
 
     Options: ClassVar[type[SpaceMouseOptions]] = SpaceMouseOptions
@@ -104,7 +104,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @classmethod
     def find(cls) -> list[base.FoundDevice]:
-        """The HID devices that are plugged in; where hidapi shows none, those that raw USB does."""
+        """Return the HID devices that are plugged in, or if hidapi shows none, those of raw USB."""
         rows = []
         try:
             found = list_devices()
@@ -143,7 +143,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the device. No buttons listed: the model is unknown."""
+        """Capabilities of the device. No buttons are listed if the model is unknown."""
         with self._lock:
             labels = self._core.labels
         model = self._model
@@ -156,11 +156,11 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @property
     def model(self) -> Model | None:
-        """The model that is open, was open last, or is set by the options; None: not known."""
+        """Model that is open, was open last, or is set by the options; None if unknown."""
         return self._model
 
     def rezero(self) -> None:
-        """Take the resting position of the cap as zero, until the device is opened again.
+        """Set the zero to the cap's resting position, until the device is opened again.
 
         Raises CommandError unless the cap rests.
         """
@@ -168,7 +168,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             self._core.rezero(time.monotonic())
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
         words = [*super().diagnosis()]
         now_s = time.monotonic()
         with self._lock:
@@ -204,7 +203,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         return (hid_transport(options.transport),)
 
     def _connect(self) -> None:
-        """Open the device that the options mean. Raises DriverError."""
         refusals: list[str] = []
         missing: list[str] = []
         for transport in self._transports:
@@ -268,7 +266,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     # -- the reader ----------------------------------------------------------------------------
 
     def _serve(self, stop: threading.Event) -> None:
-        """Read the open device until it is gone (OSError) or to be closed."""
         while not stop.is_set():
             if len(self._links) > 1:
                 self._bind()
@@ -317,7 +314,8 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             self._core.on_report(report, now_s)
 
     def _show_led(self, link: HidLink) -> None:
-        """Bring the LED to what is wanted; a Compact's goes off only after it was switched on."""
+        """Set the LED as requested; a Compact's can be switched off only after it was switched
+        on."""
         on = self._led_wanted
         if on is None or on is self._led_shown or not self._may_have_led:
             return
@@ -326,7 +324,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                 link.write(encode_led(True))
             link.write(encode_led(on))
         except OSError:
-            # The link is judged by reading; a device without an LED refuses, too.
+            # Reading tells the state of the link; a device without an LED refuses, too.
             self._led_failures += 1
         self._led_shown = on
 
@@ -337,10 +335,10 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
 
 def list_devices(transports: Sequence[Transport] | None = None) -> list[HidCandidate]:
-    """The devices that are plugged in, each with what stands in its way.
+    """Return the devices that are plugged in, each with any obstacle to opening it.
 
-    Asks `transports` (hidapi's back ends) in turn until one finds some. Raises DriverError when
-    none of them exists here.
+    Tries `transports` (hidapi's back ends) in turn until one finds some. Raises DriverError if none
+    of them is available.
     """
     failures: list[DriverError] = []
     transports = hid_transports() if transports is None else transports
@@ -358,7 +356,7 @@ def list_devices(transports: Sequence[Transport] | None = None) -> list[HidCandi
 
 
 def _usb_devices() -> list[HidCandidate]:
-    """The devices that raw USB shows, each with the option that opens it. Raises DriverError."""
+    """Return the devices of raw USB, each with the option that opens it. Raises DriverError."""
     return [
         device._replace(obstacle="; ".join(filter(None, (obstacle(device.path), USB_HINT))))
         for device in UsbTransport().find()
@@ -366,7 +364,7 @@ def _usb_devices() -> list[HidCandidate]:
 
 
 def _unlisted(transport: str, error: Exception) -> base.FoundDevice:
-    """The row that says why this way shows no devices."""
+    """Return the row that explains why this transport shows no devices."""
     return base.FoundDevice("3Dconnexion devices", "", transport, "", obstacle=str(error))
 
 
@@ -379,7 +377,7 @@ def _place(device: HidCandidate) -> str:
 
 
 def _groups(found: Iterable[HidCandidate]) -> list[list[HidCandidate]]:
-    """Devices one by one, but the interfaces of one receiver together."""
+    """Group the interfaces of one receiver; other devices are groups of one."""
     groups: dict[tuple[object, ...], list[HidCandidate]] = {}
     for device in found:
         ids = (device.vendor_id, device.product_id, device.serial)

@@ -1,4 +1,4 @@
-"""Detection of a shifted zero, as distinct from a cap that is held still."""
+"""Detection of a shifted zero, as opposed to a cap that is held still."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from collections.abc import Sequence
 from cardan.types import NEVER_S
 
 DRIFT_AFTER_S = 5.0
-"""Time of a constant small deflection after which the zero has shifted: no hand is so still."""
+"""Duration of a constant small deflection that proves a shifted zero: no hand is so still."""
 
 DRIFT_BAND = 2
-"""Counts that a resting axis jitters by."""
+"""Jitter of a resting axis, counts."""
 
 DRIFT_LIMIT = 0.2
-"""Share of the full scale up to which a constant deflection counts as a shifted zero."""
+"""Largest constant deflection that counts as a shifted zero, as a share of the full scale."""
 
 CHECK_PERIOD_S = 0.25
 
 
 class DriftDetector:
-    """Detector that checks the counts now and then: `update` is due from `due_s` on."""
+    """Detector of a shifted zero; `update` is due from `due_s` on."""
 
     def __init__(self) -> None:
         self.reset()
@@ -33,7 +33,7 @@ class DriftDetector:
         self._since_s = math.inf
 
     def update(self, counts: Sequence[int], full_scale: float, now_s: float) -> None:
-        """Take the counts of the six axes."""
+        """Process the counts of the six axes."""
         self.due_s = now_s + CHECK_PERIOD_S
         if not DRIFT_BAND < max(map(abs, counts)) <= DRIFT_LIMIT * full_scale:
             self.drifting = False

@@ -15,10 +15,10 @@ _MODEL_KEYS = tuple(model.key for model in MODELS)
 
 @dataclass(frozen=True, kw_only=True)
 class MouseOptions(ShapingOptions):
-    """Options of every 3Dconnexion device, whatever it is connected by. Raises OptionError."""
+    """Options of all 3Dconnexion devices, whatever their connection. Raises OptionError."""
 
     full_scale: Annotated[float, bounds.COUNTS] | None = None
-    """Counts of a full deflection; None: from the report descriptor, else the model's."""
+    """Counts at full deflection; None: from the report descriptor, or else the model's."""
     wait_for_device: bool = False
     """open() succeeds without a device, which is picked up once it is plugged in."""
 
@@ -31,13 +31,13 @@ class SpaceMouseOptions(MouseOptions):
     """auto: hidraw, then libusb. usb: raw USB, where there is no HID. socket: a simulated device,
     one raw HID report per packet."""
     path: Annotated[str, bounds.MEETING] = ""
-    """The device's path as ``cardan devices`` lists it, a link to it, or the socket's; empty: the
+    """Path of the device as ``cardan devices`` lists it, a link to it, or the socket's; empty: the
     first found."""
     model: str = ""
     """Key of the model to open ("spacemouse-compact"); for a socket, the simulated model, for the
     labels of its buttons and its full scale. Empty: any."""
     serial: str = ""
-    """Serial number of the device to open; most have none. Empty: any."""
+    """Serial number of the device to open (most have none). Empty: any."""
     port: str = ""
     """USB port of the device to open ("1-2.3", as in /sys/bus/usb/devices). Empty: any."""
     slot: Literal["", "0", "1", "2", "3", "4"] = ""

@@ -1,4 +1,4 @@
-"""Ways to a device's reports: hidapi's back ends, and a socket for simulated devices.
+"""Transports of a device's reports: hidapi's back ends, and a socket for simulated devices.
 
 Raw USB is in :mod:`.usb`.
 """
@@ -19,7 +19,7 @@ from cardan.protocols.connexion.devices import CONNEXION, LOGITECH, Model, find_
 
 
 class HidCandidate(NamedTuple):
-    """A device, or one interface of a receiver, that can be tried."""
+    """A device, or one interface of a receiver, that can be opened."""
 
     name: str
     vendor_id: int
@@ -31,11 +31,11 @@ class HidCandidate(NamedTuple):
     serial: str = ""
     model: Model | None = None
     certain: bool = True
-    """False: its motion may come on another interface, of the same ids (receivers)."""
+    """False: its motion may come on another interface of the same ids (receivers)."""
     interface: int = -1
-    """Number of its USB interface, which is the slot of a receiver; -1: not known."""
+    """Number of its USB interface, which is the slot of a receiver; -1 if unknown."""
     port: str = ""
-    """USB port ("1-2.3"), which stays the same until it is replugged; empty: not known."""
+    """USB port ("1-2.3"), which stays the same until it is replugged; empty if unknown."""
 
 
 class HidLink(ABC):
@@ -43,17 +43,17 @@ class HidLink(ABC):
 
     @abstractmethod
     def read(self, timeout_s: float) -> bytes | None:
-        """The oldest waiting input report, of its true length; None when none comes in time.
+        """Return the oldest waiting input report, of its true length; None if none comes in time.
 
         A `timeout_s` of 0 does not wait.
         """
 
     @abstractmethod
     def write(self, report: bytes) -> None:
-        """Send an output report, id first."""
+        """Send an output report, its id first."""
 
     def descriptor(self) -> bytes | None:
-        """The HID report descriptor, where it can be read."""
+        """Return the HID report descriptor, if it can be read."""
         return None
 
     @abstractmethod
@@ -72,7 +72,7 @@ class Transport(ABC):
 
     @abstractmethod
     def open(self, device: HidCandidate) -> HidLink:
-        """Open what find() gave. Raises DeviceAccessError that says what to do."""
+        """Open a device that find() returned. Raises DeviceAccessError with advice."""
 
 
 # ---------------------------------------------------------------------------------------------
@@ -87,7 +87,7 @@ class HidTransport(Transport):
         self._module_name = module_name
 
     def find(self) -> list[HidCandidate]:
-        """Candidate HID collections, in the order of the system."""
+        """Return candidate HID collections, in the order of the system."""
         module = load_hid(self._module_name)
         found = []
         for vendor_id in (CONNEXION, LOGITECH):
@@ -114,7 +114,6 @@ class HidTransport(Transport):
         return found
 
     def open(self, device: HidCandidate) -> HidLink:
-        """Open a HID collection by its path."""
         try:
             return _HidapiLink(load_hid(self._module_name), device.path)
         except (OSError, ValueError) as error:
@@ -131,9 +130,10 @@ _PORT = re.compile(r"(?:^|/)(\d+-[\d.]+):\d+\.\d+(?:/|$)")
 
 
 def usb_port_of(path: str, *, root: str = "/") -> str:
-    """The USB port of the device at `path`, a hidraw node or libusb's name; empty: not on USB.
+    """Return the USB port of the device at `path`, a hidraw node or libusb's name; empty if it is
+    not on USB.
 
-    `root` is where /sys is.
+    `root` is the parent folder of /sys.
     """
     if path.startswith("/dev/hidraw"):
         path = os.path.realpath(os.path.join(root, "sys/class/hidraw", path[5:], "device"))
@@ -146,7 +146,7 @@ def usb_port_of(path: str, *, root: str = "/") -> str:
 
 
 class SocketTransport(Transport):
-    """A Unix socket that stands for a device: each packet is one raw HID report, either way."""
+    """Unix socket in place of a device: each packet is one raw HID report in either direction."""
 
     name = "socket"
 
@@ -155,7 +155,6 @@ class SocketTransport(Transport):
         self._model = model
 
     def find(self) -> list[HidCandidate]:
-        """The one device, if its socket is there."""
         if not os.path.exists(self._path):
             return []
         model = self._model
@@ -168,7 +167,6 @@ class SocketTransport(Transport):
         ]  # fmt: skip
 
     def open(self, device: HidCandidate) -> HidLink:
-        """Connect to the socket."""
         return open_simulated(device.name, device.path, HidSocketLink)
 
 
@@ -176,11 +174,9 @@ class HidSocketLink(PacketSocket, HidLink):
     """A connected packet socket as a device."""
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Receive one packet."""
         return self.receive(timeout_s)
 
     def write(self, report: bytes) -> None:
-        """Send one packet."""
         self.send(report)
 
 
@@ -188,15 +184,15 @@ _HID_MODULES = {"hidraw": "hidraw", "libusb": "hid"}
 
 
 def hid_transport(name: str) -> Transport:
-    """hidapi's back end called "hidraw" or "libusb"."""
+    """Return hidapi's back end "hidraw" or "libusb"."""
     return HidTransport(name, _HID_MODULES[name])
 
 
 def hid_transports() -> tuple[Transport, ...]:
-    """The ways to real devices on this system, the preferred one first.
+    """Return the transports of real devices on this system, the preferred one first.
 
-    Beside other programs only hidraw works: libusb takes the device from them. Elsewhere than on
-    Linux module ``hid`` is the system's own HID interface.
+    Only hidraw works beside other programs: libusb takes the device from them. On systems other
+    than Linux the module ``hid`` is the system's HID interface.
     """
     names = ("hidraw", "libusb") if sys.platform == "linux" else ("libusb",)
     return tuple(hid_transport(name) for name in names)

@@ -1,4 +1,4 @@
-"""Transport by raw USB, where the system's HID interface is not available."""
+"""Transport by raw USB, for systems without a HID interface."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cardan.protocols.connexion.devices import CONNEXION, LOGITECH, Model, find_
 
 _HID_CLASS = 3
 _BOOT_PROTOCOLS = (1, 2)
-"""Keyboards and mice, which a receiver has beside the puck."""
+"""Interface protocols of keyboards and mice, which a receiver has beside the puck."""
 _INTERRUPT = 3
 _ENDPOINT_IN = 0x80
 
 _TIMEOUTS = (errno.ETIMEDOUT, 110, 60, 10060)
-"""Numbers of libusb's back ends: Linux, macOS, Windows."""
+"""Error numbers of timeouts in libusb's back ends: Linux, macOS, Windows."""
 
 _SET_REPORT = (0x21, 0x09)
 _OUTPUT_REPORT = 0x0200
@@ -29,16 +29,16 @@ _REPORT_DESCRIPTOR = 0x2200
 _DESCRIPTOR_ROOM = 1024
 
 _SHORTEST_TIMEOUT_MS = 1
-"""0 would be for ever."""
+"""Timeout in place of 0, which would wait forever."""
 
 
 class UsbTransport(Transport):
-    """Raw USB by pyusb. While a device is open this way, no other program gets its reports."""
+    """Raw USB by pyusb. While a device is open, no other program gets its reports."""
 
     name = "usb"
 
     def find(self) -> list[HidCandidate]:
-        """The interfaces that may carry motion, in the order of the system."""
+        """Return the interfaces that may carry motion, in the order of the system."""
         found: list[HidCandidate] = []
         failures = []
         for device in _devices():
@@ -49,7 +49,7 @@ class UsbTransport(Transport):
                 found += self._found(device, model)
             except OSError as error:
                 if error.errno == errno.ENODEV:
-                    continue  # It is being plugged in or out: it is not there yet, or no more.
+                    continue  # It is just being plugged in or out.
                 failures.append(
                     f"the {model.name} at {_port_of(device)} cannot be asked what it is "
                     f"({error.strerror or error}): plug it in again"
@@ -59,7 +59,7 @@ class UsbTransport(Transport):
         return found
 
     def _found(self, device: Any, model: Model) -> list[HidCandidate]:
-        """The interfaces of `device`. Raises OSError when it cannot be asked."""
+        """Return the interfaces of `device`. Raises OSError if its descriptors cannot be read."""
         port = _port_of(device)
         return [
             HidCandidate(
@@ -107,7 +107,7 @@ class UsbLink(HidLink):
         self._detached = False
         self._claimed = False
         try:
-            # Other systems than Linux have no drivers to detach.
+            # Only Linux has drivers to detach.
             with contextlib.suppress(NotImplementedError):
                 if device.is_kernel_driver_active(self._number):
                     device.detach_kernel_driver(self._number)
@@ -119,7 +119,7 @@ class UsbLink(HidLink):
             raise
 
     def read(self, timeout_s: float) -> bytes | None:
-        """One report; a device that has none refuses for as long as the timeout."""
+        """Read one report; a device without one waits for the timeout."""
         timeout_ms = max(_SHORTEST_TIMEOUT_MS, round(1000.0 * timeout_s))
         try:
             report = bytes(self._device.read(self._endpoint, REPORT_ROOM, timeout_ms))
@@ -137,7 +137,7 @@ class UsbLink(HidLink):
         )
 
     def descriptor(self) -> bytes | None:
-        """The report descriptor, if the device gives it."""
+        """Return the report descriptor, if the device provides it."""
         request_type, request = _GET_DESCRIPTOR
         try:
             return bytes(
@@ -149,7 +149,6 @@ class UsbLink(HidLink):
             return None
 
     def close(self) -> None:
-        """Release the interface and give it back to the kernel's driver."""
         util = _usb_util()
         if self._claimed:
             with contextlib.suppress(OSError):
@@ -164,7 +163,7 @@ class UsbLink(HidLink):
 
 
 def _devices() -> list[Any]:
-    """Every device of the two vendors. Raises DriverError without libusb."""
+    """Return all devices of the two vendors. Raises DriverError without libusb."""
     try:
         import usb.core
     except ImportError as error:
@@ -192,7 +191,7 @@ def _usb_util() -> Any:
 
 
 def _interfaces(device: Any) -> Iterator[tuple[int, Any]]:
-    """The HID interfaces that may carry motion, each with its configuration's number."""
+    """Yield the HID interfaces that may carry motion, each with its configuration's number."""
     for configuration in device:
         for interface in configuration:
             if (
@@ -208,7 +207,7 @@ def _interfaces(device: Any) -> Iterator[tuple[int, Any]]:
 
 
 def _endpoint_of(interface: Any) -> Any | None:
-    """The interrupt endpoint of `interface` that reports come from."""
+    """Return the interrupt endpoint of `interface` for reports."""
     for endpoint in interface:
         if endpoint.bEndpointAddress & _ENDPOINT_IN and endpoint.bmAttributes & 3 == _INTERRUPT:
             return endpoint
@@ -216,13 +215,13 @@ def _endpoint_of(interface: Any) -> Any | None:
 
 
 def _port_of(device: Any) -> str:
-    """ "1-2.3", as Linux calls it."""
+    """Return the port as Linux names it ("1-2.3")."""
     ports = ".".join(map(str, device.port_numbers or (0,)))
     return f"{device.bus}-{ports}"
 
 
 def _serial_of(device: Any) -> str:
-    """The serial number, if there is one and it may be read."""
+    """Return the serial number, if there is one and it may be read."""
     if not device.iSerialNumber:
         return ""
     with contextlib.suppress(OSError, ValueError, NotImplementedError):

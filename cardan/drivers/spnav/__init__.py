@@ -1,4 +1,4 @@
-"""spacenavd's socket as an operator device: whatever six-axis device the daemon has."""
+"""spacenavd's socket as an operator device: any six-axis device of the daemon."""
 
 from cardan.drivers.spnav.core import (
     SpnavCore as SpnavCore,

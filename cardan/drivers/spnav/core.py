@@ -1,7 +1,7 @@
 """Interpreter of a spacenavd socket, without any I/O and in the caller's time.
 
-The daemon passes on what its device reports: motion each 8 to 60 ms while deflected, zeros once on
-release, then nothing. So silence counts as rest only after a motion of zero:
+The daemon forwards its device's reports: motion every 8 to 60 ms while deflected, zeros once on
+release, then nothing. Silence counts as rest only after a motion of zero:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until a motion inside the
   dead zone came. An untouched device sends nothing, so the operator touches and releases the cap
@@ -58,29 +58,31 @@ from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 USUAL_STALE_AFTER_S = SpnavOptions().stale_after_s
 
 REPEAT_CHECK_S = 1.0
-"""Period of asking the daemon whether it repeats: not all report changed settings."""
+"""Period of querying whether the daemon repeats motions: not all daemons report changed
+settings."""
 
 SETTLE_S = 0.016
-"""Motions of zero this soon after a silence may be old ones that had queued up meanwhile."""
+"""Time after a silence in which motions of zero do not count: they may have been queued."""
 
 HANDSHAKE_TIMEOUT_S = 0.3
-"""A daemon that has not granted version 1 by then has version 0, as in libspnav."""
+"""Timeout of the handshake; a daemon that has not granted version 1 by then has version 0, as in
+libspnav."""
 
 REPLY_TIMEOUT_S = 0.4
-"""A request that is not answered by then counts as refused."""
+"""Time after which an unanswered request counts as refused."""
 
 MOST_MOTIONS = 16
-"""Motions without anything between them that count of one read: what has 128 ms of the quickest
-device's was not read in time, and the newest say where the hand is now."""
+"""Most consecutive motions that are processed per read: more (128 ms of the quickest device's) were
+not read in time, and the newest tell the present deflection."""
 
 OUT_OF_STEP = 50
-"""Meaningless records in a row after which the stream is out of step, or not a daemon's."""
+"""Consecutive invalid records after which the stream is out of step, or not a daemon's."""
 
 CLIENT_NAME = "cardan"
 
 DEFAULT_FULL_SCALE = 350.0
 ONE_FULL_SCALE = 500.0
-"""The daemon stretches the 350 counts of devices that report absolute axes to this."""
+"""Counts to which the daemon scales the 350 counts of devices with absolute axes."""
 _SERIAL_FULL_SCALES: Mapping[int, tuple[float, float]] = MappingProxyType(
     {
         **dict.fromkeys((0x100, 0x101, 0x102), (8000.0, 1600.0)),
@@ -108,11 +110,11 @@ _FIRST_REQUESTS = (
     Code.GCFG_LED,
     Code.GCFG_REPEAT,
 )
-"""Requests to a daemon of version 1, in sequence; repeated when a device came or went."""
+"""Requests to a daemon of version 1, in sequence; repeated when a device was added or removed."""
 
 
 class SpnavCore(DeviceCore):
-    """The state of the device behind one socket. Times are monotonic, s.
+    """State of the device behind one socket. Times are monotonic, s.
 
     Pending messages wait in `outgoing()`.
     """
@@ -131,7 +133,7 @@ class SpnavCore(DeviceCore):
         self._malformed_in_a_row = 0
         self._output: list[bytes] = []
         self._version: int | None = None
-        """The version in force; None while the handshake is under way."""
+        """Version in force; None during the handshake."""
         self._handshake_until_s = NEVER_S
         self._to_ask: deque[tuple[int, tuple[int, ...]]] = deque()
         self._asked: int | None = None
@@ -139,26 +141,26 @@ class SpnavCore(DeviceCore):
         self._has_device = True
         self._button_count = 0
         self._described = False
-        """The daemon has said what its device is."""
+        """True once the daemon has described its device."""
         self._device_type = 0
         self._usb_id = (0, 0)
         self._led_found: int | None = None
-        """The daemon's LED setting as it was found; None: it has none."""
+        """The daemon's initial LED setting; None if it has none."""
         self._led_set: int | None = None
         self._repeat_check_s = math.inf
-        """Time of the next request whether the daemon repeats."""
+        """Time of the next query whether the daemon repeats."""
         self._refusal = ""
-        """Reason why no motion of this daemon counts; empty: it does."""
+        """Reason why motion of this daemon does not count; empty if it does."""
         self._motion: MotionEvent | None = None
         self._active = False
         self._motion_s = NEVER_S
         """Time of the device's last motion."""
         self._repeats = RepeatDetector(self._options.stale_after_s)
 
-    # -- what happens to the connection --------------------------------------------------------
+    # -- events of the connection ---------------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
-        """The socket was connected (again): what was known is void."""
+        """Start after the socket was connected (again): the previous state is void."""
         self._begin(OPENED_REASON, now_s)
         self._forget_connection()
         self._set_full_scale()
@@ -166,7 +168,7 @@ class SpnavCore(DeviceCore):
         self._output.append(encode_handshake(NEWEST_VERSION))
 
     def on_bytes(self, data: bytes, now_s: float) -> None:
-        """The daemon sent `data`. Never raises."""
+        """Process bytes from the daemon. Never raises."""
         if not self._open:
             return
         values = self._reader.feed(data)
@@ -194,7 +196,7 @@ class SpnavCore(DeviceCore):
     def _newest_motions(
         values: Sequence[ServerRecord | Handshake],
     ) -> list[ServerRecord | Handshake]:
-        """All but the oldest motions of each long run of them."""
+        """Drop the oldest motions of each long run of them."""
         retained: list[ServerRecord | Handshake] = []
         for are_motions, values_of in groupby(values, lambda value: isinstance(value, MotionEvent)):
             run = list(values_of)
@@ -202,7 +204,7 @@ class SpnavCore(DeviceCore):
         return retained
 
     def on_time(self, now_s: float) -> None:
-        """Give up waiting for what has not come by `now_s`; call it at least each 50 ms."""
+        """End waits that are overdue at `now_s`; call it at least every 50 ms."""
         if not self._open:
             return
         if self._version is None and now_s >= self._handshake_until_s:
@@ -226,70 +228,70 @@ class SpnavCore(DeviceCore):
         return output
 
     def set_led(self, mode: int, now_s: float) -> None:
-        """Have the LED on or off, or back to the daemon's own setting (`LedMode`)."""
+        """Switch the LED on or off, or to the daemon's own setting (`LedMode`)."""
         if self._led_found is not None:
             self._led_set = mode
             self._ask(Code.SCFG_LED, (mode,), now_s)
 
     def restore_led(self, now_s: float) -> None:
-        """Put the daemon's LED setting back, if it was changed: it is there for all programs."""
+        """Restore the daemon's LED setting if it was changed, because all programs share it."""
         if self._led_set is not None and self._led_found is not None:
             self.set_led(self._led_found, now_s)
             self._led_set = None
 
-    # -- what it says --------------------------------------------------------------------------
+    # -- reports --------------------------------------------------------------------------------
 
     @property
     def out_of_step(self) -> bool:
-        """Whether only a new connection helps: records have lost their boundaries."""
+        """True if only a new connection helps, because record boundaries are lost."""
         return self._malformed_in_a_row >= OUT_OF_STEP
 
     @property
     def settled(self) -> bool:
-        """Whether the version is agreed and all that is asked at first was answered."""
+        """True once the version is agreed and all initial requests were answered."""
         return self._version is not None and self._asked is None
 
     @property
     def refusal(self) -> str:
-        """Reason why no motion of this daemon counts, with advice; empty: it does."""
+        """Reason why motion of this daemon does not count, with advice; empty if it does."""
         return self._refusal
 
     @property
     def device_name(self) -> str:
-        """Name of the daemon's device; empty when it does not tell, or has none."""
+        """Name of the daemon's device; empty if unknown or there is none."""
         if not (self._described and self._device_type):
             return ""
         return DEVICE_TYPES.get(self._device_type, "")
 
     @property
     def is_serial(self) -> bool:
-        """Whether the daemon says that its device is at a serial port."""
+        """True if the daemon reports that its device is at a serial port."""
         return self._described and self._device_type in _SERIAL_FULL_SCALES
 
     @property
     def version(self) -> int | None:
-        """The protocol's version in force; None: not agreed yet."""
+        """Protocol version in force; None: not agreed yet."""
         return self._version
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the buttons; empty when the daemon does not tell how many there are."""
+        """Names of the buttons; empty if the daemon does not report their number."""
         return tuple(f"button-{number}" for number in range(self._button_count))
 
     @property
     def further_labels(self) -> tuple[str, ...]:
-        """Names of buttons beyond the daemon's count, which is no bound: up to 1.3.1 it counts too
-        few of some devices, and sends them all the same."""
+        """Names of buttons beyond the daemon's count: up to 1.3.1 it counts too few of some
+        devices, and sends them all the same."""
         return tuple(f"button-{number}" for number in range(self._button_count, _MOST_LABELS))
 
     @property
     def has_led(self) -> bool:
-        """Whether the daemon takes requests about an LED."""
+        """True if the daemon accepts requests about an LED."""
         return self._led_found is not None
 
     @property
     def full_scale(self) -> float:
-        """Counts of translation of a full deflection."""
+        """Counts of translation at full deflection."""
         return self._full_scale
 
     @property
@@ -399,18 +401,18 @@ class SpnavCore(DeviceCore):
     def _on_device(self, value: DeviceChange, now_s: float) -> None:
         self._hear(now_s)
         if value.added and self._has_device and self._is_known(value):
-            pass  # one of the same kind beside it, or it has more buttons than the daemon knew
+            pass  # another device of the same kind, or more buttons than the daemon knew
         elif value.added:
             self._has_device = True
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         else:
             self._has_device = False
             self._invalidate_input(DeviceLink.LOST, UNPLUGGED_REASON, now_s)
-        # Another device may be left, or this one may give other counts than the last.
+        # Another device may remain, or this one may have another full scale than the last.
         self._ask_all(now_s)
 
     def _is_known(self, device: DeviceChange) -> bool:
-        """Whether it is the device that the daemon's answers describe, with the same full scale."""
+        """True if it is the device that the daemon's answers describe, with the same full scale."""
         return self._described and (self._device_type, *self._usb_id) == (
             device.device_type,
             device.vendor_id,
@@ -418,7 +420,6 @@ class SpnavCore(DeviceCore):
         )
 
     def _watch(self, now_s: float) -> None:
-        """Check for silence of a deflected device; accept one that stayed at rest."""
         if not self._active:
             self._arm(now_s)
         elif now_s - self._motion_s > self._options.stale_after_s:
@@ -443,7 +444,7 @@ class SpnavCore(DeviceCore):
     def _on_version(self, version: int, now_s: float) -> None:
         self._hear(now_s)
         if self._version == 0 and version:
-            # It answers after all, and has taken our sensitivity for the start of a request.
+            # A late answer: it has taken our sensitivity for the start of a request.
             self._output.append(bytes(RECORD_BYTES - len(encode_sensitivity(1.0))))
         elif self._version is not None:
             self._counts["unasked_replies"] += 1
@@ -464,7 +465,7 @@ class SpnavCore(DeviceCore):
                 self._ask(code, data, now_s)
 
     def _ask(self, code: int, data: tuple[int, ...], now_s: float) -> None:
-        """Ask when what was asked before is answered; asking the same twice is asking once."""
+        """Send a request once the previous one is answered; a queued request is not repeated."""
         if (code, data) not in self._to_ask:
             self._to_ask.append((code, data))
         if self._asked is None:
@@ -509,7 +510,7 @@ class SpnavCore(DeviceCore):
             self._on_repeat_setting(data[0] if ok else None, now_s)
 
     def _on_repeat_setting(self, repeat_ms: int | None, now_s: float) -> None:
-        """Take the daemon's `repeat-interval`, ms; below 0: off; None: it does not tell."""
+        """Process the daemon's `repeat-interval`, ms; below 0: off; None: unknown."""
         if repeat_ms is None:
             self._repeat_check_s = math.inf
         elif repeat_ms >= 0:
@@ -555,7 +556,7 @@ _MOST_LABELS = 256
 
 
 def usual_full_scales(device_type: int, vendor_id: int, product_id: int) -> tuple[float, float]:
-    """Counts that spacenavd gives for full deflection, sensitivity 1: translation, rotation."""
+    """Return spacenavd's counts at full deflection with sensitivity 1: translation, rotation."""
     model = find_model(vendor_id, product_id)
     if model is None and device_type in _SERIAL_FULL_SCALES:
         return _SERIAL_FULL_SCALES[device_type]

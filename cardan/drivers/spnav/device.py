@@ -1,4 +1,4 @@
-"""The spacenavd driver: a thread that reads the daemon's socket and feeds the core."""
+"""spacenavd driver: a thread that reads the daemon's socket and feeds the core."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SOCKET_VARIABLE = "SPNAV_SOCKET"
 """Environment variable with the socket's path, as libspnav reads it."""
 
 READ_TIMEOUT_S = 0.02
-"""Longest wait for data; the reader serves the LED and checks for its end in between."""
+"""Longest wait for data; meanwhile the reader serves the LED and checks for its end."""
 
 AGREE_TIMEOUT_S = 1.0
 """Longest wait of open() for the protocol's version and the first answers."""
@@ -33,7 +33,7 @@ AGREE_TIMEOUT_S = 1.0
 _CONNECT_TIMEOUT_S = 1.0
 _CLOSE_TIMEOUT_S = 0.1
 _ROOM_BYTES = 1 << 18
-"""More than a socket keeps by default: each read goes to the newest record."""
+"""Size of a read: more than a socket buffers by default, so each read reaches the newest record."""
 
 
 class Spnav(ReadDevice[SpnavCore]):
@@ -61,7 +61,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """Return the daemon's socket, if there is one, with the daemon's information."""
+        """Return the daemon's socket, if it exists, with the daemon's description."""
         path = socket_path("")
         if not os.path.exists(path):
             return []
@@ -84,7 +84,8 @@ class Spnav(ReadDevice[SpnavCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the device. No buttons listed: the daemon does not tell (version 0)."""
+        """Capabilities of the device. No buttons are listed if the daemon does not report them
+        (version 0)."""
         with self._lock:
             labels, further = self._core.labels, self._core.further_labels
             has_led = self._core.has_led
@@ -142,7 +143,8 @@ class Spnav(ReadDevice[SpnavCore]):
             self._socket = None
 
     def _exchange(self, sock: socket.socket, timeout_s: float) -> None:
-        """Send what is to be sent, and take what comes within `timeout_s`. OSError: it is gone."""
+        """Send pending messages, and process what comes within `timeout_s`. Raises OSError once the
+        daemon is gone."""
         with self._lock:
             self._core.on_time(time.monotonic())
             output = self._core.outgoing()
@@ -173,7 +175,7 @@ def socket_path(option: str) -> str:
 
 
 def _connected(path: str) -> socket.socket:
-    """Connect a socket to the daemon. Raises DriverError that says why not."""
+    """Connect a socket to the daemon. Raises DriverError with the reason."""
     if not hasattr(socket, "AF_UNIX"):
         raise DeviceAccessError("this system has no Unix sockets, and so no spacenavd")
     try:

@@ -21,12 +21,12 @@ class SpnavOptions(ShapingOptions):
     """Options of :class:`Spnav`. Raises OptionError for a value that is not allowed."""
 
     socket: Annotated[str, bounds.MEETING] = ""
-    """Path of the socket; empty: what SPNAV_SOCKET says, else /var/run/spnav.sock."""
+    """Path of the socket; empty: SPNAV_SOCKET, or else /var/run/spnav.sock."""
     full_scale: Annotated[float, bounds.COUNTS] | None = None
-    """Counts of a full deflection; None: what the daemon's device usually gives, 350 or 500."""
+    """Counts at full deflection; None: the usual value of the daemon's device, 350 or 500."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.1
-    """Silence of a deflected device after which it counts as dead, s. The default is for every
-    device that is read in the usual way; more is for a serial device with a steady hand, and the
-    arm runs on for so long when the device dies."""
+    """Silence of a deflected device after which it counts as dead, s. The default suits every
+    device read in the usual way; serial devices held steadily need more, and the arm continues for
+    that long when the device dies."""
     wait_for_device: bool = False
     """open() succeeds without the daemon, which is found once it runs."""

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from cardan.types import NEVER_S
 
 FASTEST_PERIOD_S = 0.004
-"""Identical motions that keep a higher pace are the daemon's own. Half the shortest period of a
-device, which is 8 ms; spacenavd takes the remainder of its `repeat-interval` by 1000 for
-microseconds, so that it repeats each 1.3 ms or faster, if not each second or slower."""
+"""Period below which identical motions are the daemon's own: half the shortest period of a device,
+8 ms. spacenavd uses its `repeat-interval` modulo 1000 as microseconds, so it repeats every 1.3 ms
+or faster, or else every second or slower."""
 
 
 class RepeatDetector:
-    """Detector of motions that say nothing new, and come faster than any device sends them.
+    """Detector of repeated motions that come faster than any device sends them.
 
-    Motions that were held up come in a burst. So identical ones may be ahead of the fastest
-    device's pace by up to `queued_s`.
+    Delayed motions come in a burst, so identical ones may be ahead of the fastest device's pace by
+    up to `queued_s`.
     """
 
     __slots__ = ("_ahead_s", "_counts", "_queued_s", "_stamp_s", "in_pace_s", "repeating")
@@ -27,12 +27,12 @@ class RepeatDetector:
         self._stamp_s = NEVER_S
         self._ahead_s = 0.0
         self.in_pace_s = NEVER_S
-        """Time of the last motion that was not ahead: the last that a device has surely sent."""
+        """Time of the last motion that was not ahead: the last that a device has certainly sent."""
         self.repeating = False
-        """The last motion was the daemon's own, and so are those to come that are like it."""
+        """True if the last motion was the daemon's own, as are identical ones after it."""
 
     def take(self, counts: Sequence[int], now_s: float) -> bool:
-        """Whether the motion of `counts`, which came at `now_s`, is the daemon's own."""
+        """Return True if the motion of `counts`, received at `now_s`, is the daemon's own."""
         before, self._counts = self._counts, counts
         elapsed_s = now_s - self._stamp_s
         self._stamp_s = now_s

@@ -1,10 +1,10 @@
-"""Compiled cycle of the UR driver: one call to take a state, one to answer it.
+"""Compiled cycle of the UR driver: one call receives a state, one answers it.
 
-Taking is :mod:`cardan.drivers.ur_rtde.feed` and what the session looks for in a state of usual
-motion. Answering is the command's range, the limiter and the data package, as of
-:mod:`cardan.drivers.ur_rtde.motion`. These do the same to the last bit; what is rare goes their
-way, and everything does where nothing was compiled. Clock and limiter stay Python's objects, which
-both languages go on with.
+Receiving covers :mod:`cardan.drivers.ur_rtde.feed` and the session's checks of a state in usual
+motion. Answering covers the command's range check, what missed cycles have left, the limiter and
+the data package: :mod:`cardan.drivers.ur_rtde.motion`. The Python code gives the same result to the
+last bit; it handles rare cases, and all cases if nothing was compiled. Clock and limiter stay
+Python objects, which both languages use.
 """
 
 from __future__ import annotations
@@ -24,19 +24,29 @@ from cardan.common.native import (
     load_own_library,
     native_call,
 )
+from cardan.drivers import missed_cycles
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime
+from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime, SlipCompensation
 from cardan.protocols.ur.program import JOINTS, ProgramCommand, ProgramStatus
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState
 from cardan.types import CommandKind, JointCommand
 
 HEAD: Final = 4
-"""Bytes that all data packages of one recipe begin with."""
+"""First bytes of all data packages of one recipe."""
+SLIP: Final = (
+    "work_off_s",
+    "work_off_share",
+    "recent_s",
+    "speed_up_s",
+    "slow_down_s",
+    "nothing",
+)
+"""Constants of missed_cycles, by which a slip is worked off."""
 _SIX, _HEAD = c_double * JOINTS, c_uint8 * HEAD
 
 
 class CStates(ctypes.Structure):
-    """As kernel/cycle.h has it, and the next."""
+    """Struct of kernel/cycle.h, as is the next."""
 
     _fields_ = (
         ("largest_time_s", c_double),
@@ -67,6 +77,7 @@ class CCommands(ctypes.Structure):
         ("acceleration", _SIX),
         ("largest_position", c_double),
         ("largest_velocity", c_double),
+        *((name, c_double) for name in SLIP),
         ("token", c_int32),
         ("order", c_int32),
         ("head", _HEAD),
@@ -74,7 +85,7 @@ class CCommands(ctypes.Structure):
 
 
 def expected_layout() -> list[int]:
-    """Size and field offsets as `ur_layout` of the compiled library must give them."""
+    """Size and field offsets that the compiled library's `ur_layout` must report."""
     return layout_of(CStates, CCommands)
 
 
@@ -85,13 +96,13 @@ def library_path() -> Path:
 
 @functools.cache
 def ur_library() -> Any:
-    """The compiled part, loaded once. Raises NativePartError, saying what to do."""
+    """Return the compiled part, loaded once. Raises NativePartError with advice."""
     what = "the compiled part of the UR driver"
     return load_own_library(library_path(), what, "ur", expected_layout())
 
 
 class CompiledStates:
-    """Takes states as RtdeFeed does where nothing is unusual. Raises NativePartError where nothing
+    """Receiver of states, equivalent to RtdeFeed for usual ones. Raises NativePartError if nothing
     was compiled."""
 
     def __init__(
@@ -104,8 +115,9 @@ class CompiledStates:
         largest_time_s: float,
         largest_scale: float,
     ) -> None:
-        """States begin with `head`, which is HEAD bytes, and become a `package`; `clock` counts
-        them. A joint farther than `astray_rad` from its target is looked at by the session."""
+        """Set the first bytes of states, `head` (HEAD bytes), their `package` type, and the `clock`
+        that counts them. A joint farther than `astray_rad` from its target is left to the
+        session."""
         library = ur_library()
         self._shared, memory = allotted(CStates)
         shared = self._shared
@@ -136,23 +148,26 @@ class CompiledStates:
             "time_s",
             0,
         )
-        """Given what came and when: the package, how fast the controller's time passes, whether
+        """Decode data received at a time: the package, the rate of the controller's time, whether
         the program of `token` runs, may move the arm and has it near its target, and the timestamp.
-        None, and nothing is changed, for anything but one whole usual state."""
+        None, and no change, for anything but one complete usual state."""
 
     def follow(self, token: int) -> None:
-        """The program that is to be obeyed has this token."""
+        """Set the token of the program to be obeyed."""
         self._shared.token = token
 
 
-AnswerFunction = Callable[[Any, float, int], bytes | None]
-"""Given the command, the period and the beat: one period of the limiter, and the data package.
-None, and nothing is changed, for what is no target, and for a command that is none."""
+AnswerFunction = Callable[[Any, float, int, Any], bytes | None]
+"""Answer a command with its period, its beat, and the target before it if the slip is to be added
+(else None): one period of slip and limiter, and the data package. None, and no change, for anything
+but a valid target, and for a slip that begins or ends."""
 
 
-def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFunction | None:
-    """Return the function that answers joint targets as UrMotion does, in data packages that begin
-    with `head`; None if nothing was compiled."""
+def compiled_answer(
+    limiter: JointLimiter, lost: SlipCompensation, head: bytes, token: int
+) -> AnswerFunction | None:
+    """Return the compiled `UrMotion` answer to joint targets, in data packages that begin with
+    `head`; None if nothing was compiled."""
     try:
         library = ur_library()
     except NativePartError:
@@ -165,6 +180,8 @@ def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFun
     shared.largest_position = JOINT_POSITION.highest
     shared.largest_velocity = JOINT_VELOCITY.highest
     shared.token, shared.order, shared.head[:] = token, ProgramCommand.FOLLOW, head
+    for name in SLIP:
+        setattr(shared, name, getattr(missed_cycles, name.upper()))
     return native_call(
         library,
         "ur_call_answer",
@@ -175,4 +192,10 @@ def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFun
         "reference",
         "velocity",
         "_target",
+        lost,
+        "_interrupted",
+        "_rested_s",
+        "_fastest",
+        "offset",
+        "rate",
     )

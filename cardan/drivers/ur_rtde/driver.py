@@ -1,4 +1,4 @@
-"""The Universal Robots driver: sockets around :class:`UrSession`."""
+"""Universal Robots driver: sockets around :class:`UrSession`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cardan.types import RobotCommand
 
 
 class UrRtde(TcpRobot[UrSession, Channel, Task]):
-    """A Universal Robots controller (CB3, e-Series), over RTDE and a program that the driver sends.
+    """Universal Robots controller (CB3, e-Series), over RTDE and a program that the driver sends.
 
     Motion starts only on `enable()` (or once, with the option enable = "at-start"): power is
     switched on, the brakes are released and the program is started. After anything that ended it,
@@ -42,11 +42,10 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
         return options.primary_port if channel == "primary" else options.dashboard_port
 
     def send(self, command: RobotCommand) -> None:
-        """Answer the state last yielded; without effect where that takes no command."""
         session, now_s = self._require_open(), monotonic()
         if session.reply_pending and session.late(now_s):
             session.check(command)
-            # The arm has moved on since the state that this command was computed from.
+            # The arm has moved since the state that this command was computed from.
             self._wait(session, 0.0)
             now_s = monotonic()
         session.command(command, now_s)
@@ -54,18 +53,18 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
         session.account()
 
     def enable(self) -> None:
-        """Switch power on, release the brakes and start the program. Done by the loop; the states'
-        `hold_reason` says how it goes."""
+        """Switch power on, release the brakes and start the program. The loop executes it;
+        `hold_reason` of the states reports the progress."""
         self._ask("enable")
 
     def disable(self) -> None:
-        """Brake along a ramp, then end the program. Done by the loop."""
+        """Brake along a ramp, then end the program. The loop executes it."""
         self._ask("disable")
 
     def unlock_protective_stop(self) -> None:
-        """Unlock a protective stop, 5 s after it at the earliest. Done by the loop. Only for where
-        a person has looked for the cause: nothing of Cardan's own calls it. Motion has to be
-        enabled after it."""
+        """Unlock a protective stop, at the earliest 5 s after it. The loop executes it. Call it
+        only after a person has checked the cause; Cardan itself never does. Motion must be enabled
+        afterwards."""
         self._ask("unlock")
 
     @property
@@ -74,8 +73,8 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
         return self._open and self._session.enabled
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """RTDE and the dashboard, which serve several clients; the primary interface would begin to
-        send its states."""
+        """RTDE and the dashboard server, which serve several clients; the primary interface would
+        start to send its states."""
         options = self.options
         return (
             Endpoint(

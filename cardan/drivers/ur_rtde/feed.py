@@ -44,7 +44,7 @@ _SCALE: Final = Range(-10.0, 10.0, "", "no controller's time passes so fast")
 
 
 class Package(NamedTuple):
-    """The values of a data package: variables of these names, and the program's three registers."""
+    """Values of a data package: variables of these names, and the program's three registers."""
 
     timestamp: float
     target_q: tuple[float, ...]
@@ -68,18 +68,18 @@ INPUT_TYPES: Final = ("INT32",) * 3 + ("DOUBLE",) * (2 * JOINTS)
 NOTHING: Final = Package(
     math.nan, (), (), (), (), RobotMode.NO_CONTROLLER, 0, RuntimeState.STOPPED, 0.0, 0.0, 0, 0, 0
 )
-"""Before the first package."""
+"""Initial values, before the first package."""
 
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
 
 IMPLAUSIBLE: Final = "implausible"
-"""Reason of packages with implausible numbers."""
+"""Reason for packages with implausible numbers."""
 
 
 def _implausible(values: Package) -> str:
-    """Which numbers of a package no robot measures, in words; empty where all may be."""
-    # The usual case by their length, which a NaN does not pass.
+    """Describe the implausible numbers of a package; empty if there are none."""
+    # The usual case by the norm, which a NaN does not pass.
     if (
         math.hypot(*values.actual_q, *values.target_q, *values.actual_qd, *values.target_qd)
         <= _USUAL
@@ -103,7 +103,7 @@ _SCALES, _TIMES_S = _SCALE.highest, _TIME_S.highest
 
 
 class RtdeFeed:
-    """RTDE connections, one after the other. The sender takes the messages to send out of `out`."""
+    """Successive RTDE connections. The sender takes messages from `out`."""
 
     def __init__(self, options: UrRtdeOptions) -> None:
         self.options = options
@@ -113,33 +113,33 @@ class RtdeFeed:
         self.version: ControllerVersion | None = None
         self._take_rate()
         self.packages = 0
-        """Data packages that were taken."""
+        """Count of accepted data packages."""
         self.heard_s = NEVER_S
         self.values = NOTHING
         """Values of the newest package."""
         self.slider = 0.0
-        """How fast the controller's time passes then: its speed slider, and its own scaling."""
+        """Rate of the controller's time then: its speed slider, and its own scaling."""
         self.obeys = False
-        """With the newest package nothing ends motion but a program that does not answer, which is
-        for the session to see; False: the session has to look at all of it."""
+        """True: nothing in the newest package ends motion but an unresponsive program, which the
+        session detects; False: the session must check all of it."""
         self.clock = AgreedTime(
             self.period_s, option=SIMULATED_TIME, simulated=options.simulated_time
         )
         """Time between packages, by the controller's clock and ours."""
         self.skipped = 0
-        """Packages that the controller left out."""
+        """Count of packages that the controller omitted."""
         self.last_implausible = ""
-        """Implausible value in the last package that was ignored for it."""
+        """Implausible value that caused the last package to be ignored."""
         self.said = ""
-        """The last warning or error that the controller told over RTDE."""
+        """Last warning or error that the controller sent over RTDE."""
         self._disconnect()
 
     def _disconnect(self) -> None:
         self.failure = ""
-        """Why this connection is of no use; empty: it may be."""
+        """Reason why this connection is unusable; empty if none is known."""
         self.streaming = False
         self.answered = False
-        """Whether anything of RTDE came over this connection."""
+        """True once any RTDE message came over this connection."""
         self.foreign = ""
         """Evidence that the server speaks another protocol, for messages."""
         self._reader = PacketReader()
@@ -147,38 +147,38 @@ class RtdeFeed:
         self._inputs: Recipe | None = None
         self._compiled: CompiledStates | None = None
         self.next_s = math.inf
-        """When `advance` is to be called."""
+        """Time of the next call of `advance`, s."""
         self._timestamp = math.nan
         self.clock.begin()
         self.out.clear()
 
     @property
     def control_rate_hz(self) -> float:
-        """Rate of the controller's control loop; before it is known an e-Series' is taken."""
+        """Rate of the controller's control loop; before it is known, an e-Series'."""
         return control_rate_hz(self.version)
 
     def _take_rate(self) -> None:
         self.rate_hz = min(self.options.rate_hz, self.control_rate_hz)
-        """Rate of states and commands."""
+        """Rate of states and commands, Hz."""
         self.period_s = 1.0 / self.rate_hz
-        """Between two of them."""
+        """Period of states and commands, s."""
 
     def connected(self, now_s: float) -> None:
-        """The connection stands."""
+        """Start after the connection was established."""
         self._disconnect()
         self._ask(ask_version(), now_s)
 
     def disconnected(self) -> None:
-        """It is gone."""
+        """Stop after the connection was lost."""
         self._disconnect()
 
     def advance(self, now_s: float) -> None:
-        """Look whether an answer is overdue."""
+        """Check whether an answer is overdue."""
         if now_s >= self.next_s:
             self.failure = f"it did not answer within {self.options.request_timeout_s:g} s"
 
     def received(self, data: bytes, now_s: float) -> None:
-        """Take what TCP delivered."""
+        """Process bytes from TCP."""
         reader, recipe, compiled = self._reader, self._outputs, self._compiled
         if recipe is not None and not (reader.pending_bytes or self.failure):
             if compiled is not None and (usual := compiled.take(data, now_s)) is not None:
@@ -200,20 +200,20 @@ class RtdeFeed:
                 "rtde_port the controller's (30004)?"
             )
 
-    def write(self, values: Sequence[Any]) -> None:
-        """Write the registers of `input_names`."""
+    def write(self, values: Sequence[Any] | bytes) -> None:
+        """Make the package that writes the registers of `input_names`; bytes are that package."""
         if self._inputs is not None and self.streaming:
-            self.out.append(self._inputs.pack(values))
+            self.out.append(values if isinstance(values, bytes) else self._inputs.pack(values))
 
     @property
     def command_head(self) -> bytes:
         """First bytes of each command package, if the controller has the registers as documented;
-        else empty."""
+        otherwise empty."""
         inputs = self._inputs
         return inputs.head if inputs is not None and inputs.types == INPUT_TYPES else b""
 
     def follow(self, token: int) -> None:
-        """The program of this token is the one to be obeyed."""
+        """Set the token of the program to be obeyed."""
         if self._compiled is not None:
             self._compiled.follow(token)
 

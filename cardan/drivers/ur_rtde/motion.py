@@ -1,4 +1,4 @@
-"""Reference sent to the program: within the limits, whatever is commanded."""
+"""Reference sent to the program, within the limits whatever is commanded."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from cardan.types import JointCommand, JointVelocityCommand, RobotCommand
 
 _BEATS: Final = 1 << 30
 _SAME_CYCLE: Final = 1.5
-"""Periods: a command that comes later than this after the one before has missed a cycle."""
+"""Periods since the previous command from which on a cycle counts as missed."""
 
 
 class UrMotion:
-    """A run of the program, from its first report on. Times are agreed by both clocks."""
+    """Run of the program, from its first report on. Times are those agreed by both clocks."""
 
     def __init__(self, options: UrRtdeOptions, token: int, beat: int, head: bytes = b"") -> None:
-        """`head` is what packages of commands begin with; empty: none can be made here."""
+        """Set `head`, the first bytes of command packages; empty: no package can be made here."""
         self._token = token
         self.beat = beat
         """Beat of the last command."""
         self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
-        self._answer = compiled_answer(self._limiter, head, token) if head else None
         self._lost = SlipCompensation(JOINTS)
+        self._answer = compiled_answer(self._limiter, self._lost, head, token) if head else None
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         self._answered_s: float | None = None
-        """The time of the state that was answered last."""
+        """Time of the last answered state."""
         self.missed = 0
-        """Cycles without a command."""
+        """Count of cycles without a command."""
 
     @property
     def moving(self) -> bool:
-        """Whether the reference has a speed."""
+        """True if the reference has a speed."""
         return self._limiter.moving
 
     @property
@@ -45,24 +45,26 @@ class UrMotion:
         return tuple(self._limiter.reference)
 
     def begin(self, place: Sequence[float]) -> None:
-        """Go on from `place`, at rest: whatever was asked for before is void."""
+        """Continue from `place`, at rest; earlier commands are void."""
         self._limiter.reset(place)
         self._lost.reset()
         self._asked = self._answered_s = None
 
     def usual(self, command: RobotCommand, time_s: float, period_s: float) -> bytes | None:
-        """The whole data package that answers the state of `time_s`, while the controller's time
-        passes as real time does; None, and nothing is changed, where `command` has to be asked."""
+        """Return the data package that answers the state of `time_s` while the controller's time
+        passes as real time; None, and no change, if `command` must be used."""
         before_s = self._answered_s
         if (
             self._answer is None
             or before_s is None
-            or self._lost.working
             or not 0.0 < time_s - before_s <= _SAME_CYCLE * period_s
         ):
             return None
+        asked = self._asked if self._lost.working else None
+        if asked is None and self._lost.working:
+            return None
         beat = (self.beat + 1) % _BEATS
-        package = self._answer(command, period_s, beat)
+        package = self._answer(command, period_s, beat, asked)
         if package is not None:
             self.beat, self._answered_s = beat, time_s
             self._asked = command[:2]  # type: ignore[assignment]
@@ -70,10 +72,11 @@ class UrMotion:
 
     def command(
         self, command: RobotCommand, time_s: float, period_s: float, scale: float
-    ) -> list[Any] | None:
-        """The registers' values that answer the state of `time_s`; None: it has been answered.
+    ) -> list[Any] | bytes | None:
+        """Return the register values that answer the state of `time_s`, or their whole data
+        package; None if it has been answered.
 
-        The controller's time passes `scale` times as fast as real time, above 0.
+        `scale` is the rate of the controller's time relative to real time, above 0.
         """
         before_s, self._answered_s = self._answered_s, time_s
         if before_s is not None:
@@ -82,7 +85,7 @@ class UrMotion:
                 self._answered_s = before_s
                 return None
             if passed_s > _SAME_CYCLE * period_s:
-                # The program has gone on at the speeds that it was given.
+                # The program has continued at its last commanded speeds.
                 gap_s = passed_s - period_s
                 self.missed += round(gap_s / period_s)
                 self._limiter.coast(gap_s * scale)
@@ -92,7 +95,15 @@ class UrMotion:
             asked, self._asked = self._asked, (positions, speeds)
             if self._lost.working:
                 positions, speeds = self._lost.follow(asked, positions, speeds, period_s)
-            if speeds is not None and scale != 1.0:
+            if scale == 1.0:
+                if self._answer is not None:
+                    beat = (self.beat + 1) % _BEATS
+                    followed = JointCommand(positions, speeds)
+                    package = self._answer(followed, period_s, beat, None)
+                    if package is not None:
+                        self.beat = beat
+                        return package
+            elif speeds is not None:
                 speeds = tuple([v / scale for v in speeds])
             self._limiter.track(positions, speeds, period_s * scale)
         else:
@@ -106,7 +117,7 @@ class UrMotion:
         return self._values(ProgramCommand.FOLLOW)
 
     def end(self) -> list[Any]:
-        """The registers' values that have the program stop the arm and end."""
+        """Return the register values that make the program stop the arm and end."""
         return self._values(ProgramCommand.END)
 
     def _values(self, order: ProgramCommand) -> list[Any]:

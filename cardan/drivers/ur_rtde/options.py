@@ -30,37 +30,38 @@ START_TIMEOUT_S = Range(1.0, 120.0, "s", "power is on and the brakes are release
 
 @dataclass(frozen=True)
 class UrRtdeOptions(Options):
-    """Options of :class:`UrRtde`. Joints in rad, base to tool."""
+    """Options of :class:`UrRtde`. Joints are in rad, base to tool."""
 
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
-    """The robot controller."""
+    """Address of the robot controller."""
     rtde_port: Annotated[int, bounds.PORT] = RTDE_PORT
-    """States and commands."""
+    """RTDE port, for states and commands."""
     primary_port: Annotated[int, bounds.PORT] = PRIMARY_PORT
-    """Takes the program; connected during a start only."""
+    """Port that takes the program; connected only during a start."""
     dashboard_port: Annotated[int, bounds.PORT] = DASHBOARD_PORT
-    """Power, brakes; connected during a start only."""
+    """Port for power and brakes; connected only during a start."""
     robot: Annotated[str, bounds.ARM_FILE] = "ur5e"
-    """An arm's name, or the path of a .toml or .urdf file of six joints; limits are its."""
+    """An arm's name, or the path of a .toml or .urdf file of six joints, for the limits."""
     rate_hz: Annotated[float, RATE_HZ] = 500.0
-    """States and commands a second; a CB3 has 125 at most, and is asked for no more."""
+    """States and commands per second; a CB3 has at most 125, and gets no higher request."""
     enable: Literal["on-request", "at-start"] = "on-request"
-    """at-start: motion is enabled once, after the first connection; never by itself again."""
+    """at-start: motion is enabled once, after the first connection, and never again
+    automatically."""
     velocity_rad_s: tuple[Annotated[float, bounds.JOINT_SPEED_RAD_S], ...] = ()
-    """Own highest joint speeds; empty: the arm's."""
+    """Highest joint speeds; empty: the arm's."""
     acceleration_rad_s2: tuple[Annotated[float, bounds.JOINT_ACCELERATION_RAD_S2], ...] = ()
-    """Own highest joint accelerations; empty: the arm's, which are not UR's."""
+    """Highest joint accelerations; empty: the arm's, which are not UR's."""
     speed_share: Annotated[float, bounds.SHARE] = 1.0
     """Share of the highest speeds that is used, above 0 to 1."""
     registers: Literal["upper", "lower"] = "upper"
-    """Which registers carry commands: from 24, which RTDE clients have for themselves, or from 0,
-    which old controllers (before 3.9 and 5.3) have alone."""
+    """Registers that carry commands: from 24, reserved for RTDE clients, or from 0, the only ones
+    of old controllers (before 3.9 and 5.3)."""
     watchdog_s: Annotated[float, WATCHDOG_S] = 0.1
     """Time without a command after which the program at the controller stops the arm and ends."""
     stop_rad_s2: Annotated[float, STOP_RAD_S2] = 5.0
-    """Deceleration of that stop, of the joint that is fastest."""
+    """Deceleration of the fastest joint in that stop."""
     lookahead_s: Annotated[float, LOOKAHEAD_S] = 0.03
-    """servoj's `lookahead_time`: longer is smoother and later."""
+    """servoj's `lookahead_time`: a longer one is smoother and later."""
     gain: Annotated[int, GAIN] = 500
     """servoj's `gain`."""
     state_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
@@ -68,16 +69,16 @@ class UrRtdeOptions(Options):
     simulated_time: bool = False
     """The controller is a simulation (URSim) whose time may pass faster or slower than this
     computer's: no difference in speed is a fault. The arm is never faster than commanded, and
-    slower where the simulation is."""
+    slower if the simulation is."""
     following_error_rad: Annotated[float, FOLLOWING_RAD] = 0.2
-    """Distance of a joint from the controller's target, for FOLLOWING_S, that ends motion."""
+    """Distance of a joint from the controller's target that ends motion if it lasts for
+    FOLLOWING_S."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 1.0
-    """An answer of RTDE that takes longer ends the connection."""
+    """Longest wait for an answer of RTDE; then the connection is closed."""
     start_timeout_s: Annotated[float, START_TIMEOUT_S] = 30.0
-    """Longest start of motion: power may have to be switched on and brakes released."""
+    """Longest start of motion: power may need to be switched on and brakes released."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.2
-    """The longest that the arm is behind its command in good order; an arm farther behind counts as
-    held."""
+    """Longest normal lag of the arm behind its command; an arm farther behind counts as held."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -100,7 +101,7 @@ class UrRtdeOptions(Options):
 
     @property
     def limits(self) -> JointLimits:
-        """Limits that every command is kept within."""
+        """Limits of every command."""
         own = load_arm(self.robot).limits
         return own.reduced(self.velocity_rad_s, self.acceleration_rad_s2, self.speed_share)
 

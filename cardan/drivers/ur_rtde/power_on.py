@@ -17,7 +17,7 @@ _MODE_FOR: Final = {
 
 
 class Starting:
-    """A start of motion. `failure` says why it has ended, `wish` what it waits for."""
+    """A start of motion. `failure` is the reason of its end, `wish` what it waits for."""
 
     def __init__(self, options: UrRtdeOptions, token: int, now_s: float) -> None:
         self.token = token
@@ -25,10 +25,10 @@ class Starting:
         self.wish = "waiting for the dashboard server"
         self.deadline_s = now_s + options.start_timeout_s
         self.uploads = False
-        """The program is to be sent now."""
+        """True when the program is to be sent."""
         self.uploaded = False
         self.model = ""
-        """The controller's name of its arm; empty: not known."""
+        """Model of the arm as the controller reports it; empty if unknown."""
         self._options = options
         self._began_s = now_s
         self._remote: bool | None = None
@@ -36,7 +36,7 @@ class Starting:
         self._asked: deque[str] = deque()
 
     def asks(self, mode: int, safety: int, runtime: int, now_s: float) -> str:
-        """The next request to the dashboard server, which is connected; empty: none now."""
+        """Return the next request to the connected dashboard server; empty if none is due."""
         if self._look(mode, safety, runtime, now_s) or self._asked:
             return ""
         request = ""
@@ -77,7 +77,7 @@ class Starting:
         return self.failure
 
     def replied(self, line: str) -> None:
-        """The dashboard server has answered, or greeted."""
+        """Process an answer or greeting of the dashboard server."""
         if line.startswith(dashboard.GREETING) or not self._asked:
             return
         request = self._asked.popleft()
@@ -95,6 +95,6 @@ class Starting:
             self.failure = f"`{request}` was refused: {refused}"
 
     def report_failure(self, text: str) -> None:
-        """The controller has said over the primary interface why a program does not run."""
+        """Record the primary interface's reason why a program does not run."""
         if self.uploaded and not self.failure:
             self.failure = f"the program was not started: {text}"

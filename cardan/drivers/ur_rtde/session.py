@@ -1,7 +1,7 @@
-"""The PC's side of a Universal Robots controller without sockets and clocks.
+"""Client side of the connections to a Universal Robots controller, without sockets and clocks.
 
-RTDE tells what the robot does and carries commands; the dashboard server switches power on; the
-primary interface takes the program. The last two are connected while they are needed.
+RTDE carries states and commands; the dashboard server switches power on; the primary interface
+takes the program. The last two are connected only while needed.
 """
 
 from __future__ import annotations
@@ -50,31 +50,31 @@ Channel = Literal["rtde", "dashboard", "primary"]
 CHANNELS: tuple[Channel, ...] = ("rtde", "dashboard", "primary")
 Task = Literal["enable", "disable", "unlock"]
 SessionPhase = Literal["down", "idle", "starting", "moving", "braking"]
-"""State of the driver at the controller: no states come; idle; motion is started; the program runs,
-and commands act; a ramp, and then the program's end."""
+"""Phase of the driver: no states come; idle; motion is starting; the program runs, and commands
+act; a ramp, and then the program's end."""
 
 KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
 
 WAKE_S: Final = 0.9 * REPORT_S
-"""Longest gap between states: what the contract says, with a margin for a late computer."""
+"""Longest gap between states: the contract's, with a margin for a late computer."""
 SLOWEST_SHARE: Final = 0.01
-"""Lowest position of the speed slider: below it commands do not act."""
+"""Lowest position of the speed slider at which commands act."""
 ANSWER_S: Final = 0.3
-"""A program that obeys no command for so long is not there any more."""
+"""Time without an obeyed command after which the program counts as gone."""
 FOLLOWING_S: Final = 0.25
-"""Time for which a joint may be farther from its target than `following_error_rad`: a hard start is
-over sooner."""
+"""Time for which a joint may be farther from its target than `following_error_rad`: a hard start
+takes less."""
 MUTE: Final = 3
-"""Connections without any answer after which a server may speak something else: a controller that
-starts closes one or two."""
+"""Connections without any answer after which the server may speak another protocol: a controller
+that boots closes one or two."""
 _JITTERED: Final = 10
-"""Periods: a longer pause is none of the network's."""
+"""Longest pause, in periods, that the network causes."""
 
 
 _MOVES_IN = frozenset(map(int, MOVES_IN))
 _RUNNING, _PLAYING = int(RobotMode.RUNNING), int(RuntimeState.PLAYING)
 _FOLLOWS = int(ProgramStatus.FOLLOWS)
-"""As plain numbers, which are compared in every cycle."""
+"""Enum values as plain numbers, which are compared in every cycle."""
 _LIVE = RobotLink.LIVE
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
@@ -90,21 +90,21 @@ class UrSession(TcpSession[Channel, Task]):
     reply_pending = False
 
     def __init__(self, options: UrRtdeOptions, draw: Callable[[], int] = _drawn_token) -> None:
-        """`draw` gives a token for each run of the program, unlike all before it."""
+        """Set `draw`, which returns a new token for each run of the program."""
         super().__init__(CHANNELS)
         self.options = options
         self.limits = options.limits
         self.feed = RtdeFeed(options)
         self.phase: SessionPhase = "down"
         self.sessions = 0
-        """Starts of motion and connections; earlier targets are void when it changes."""
+        """Count of starts of motion and connections; earlier targets are void when it changes."""
         self.end_reason = ""
         """Reason that last ended or prevented motion; empty after a successful start."""
         self.superseded = self.commands = self.starts = self.ends = 0
         self._jitter, self._command_latency = LatencyHistogram(), LatencyHistogram()
         self._unaccounted: tuple[float, float, int] | None = None
-        """When the newest state came, how long after the one before (inf: several came), and the
-        beat that it shows; None: it is in the histograms."""
+        """Arrival of the newest state, time since the previous one (inf: several came), and its
+        beat; None: it is in the histograms."""
         self._draw = draw
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
         self._starting: Starting | None = None
@@ -114,24 +114,24 @@ class UrSession(TcpSession[Channel, Task]):
         self._lines = DashboardReader()
         self._packages = PackageReader()
         self._model = ""
-        """The controller's name of its arm, where a start has asked for it."""
+        """Model of the arm as the controller reports it, if a start has requested it."""
         self._unlocks = self._ended = False
         self._at_start = options.enable == "at-start"
         self._reported_packages = 0
         self._counted_s = NEVER_S
         self._before_s: float | None = None
-        """The agreed time of the state given last."""
+        """Agreed time of the last returned state."""
         self._answered = (0, 0.0)
-        """The beat that the program obeyed last, and when, by the agreed time."""
+        """Last beat that the program obeyed, and its agreed time."""
         self._effective = False
-        """Commands acted in the state given last."""
+        """True if commands acted in the last returned state."""
         self._braked_by_s = math.inf
         self._followed_s = NEVER_S
         """Last time that the arm was near its target."""
         self._mute = 0
-        """Connections in a row that ended before anything of RTDE came."""
+        """Consecutive connections that ended before any RTDE message came."""
 
-    # -- what the robot can do, and is ------------------------------------------------------------
+    # -- capabilities and state of the robot ----------------------------------------------------
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -238,7 +238,7 @@ class UrSession(TcpSession[Channel, Task]):
             self._unlocks = False
 
     def _refused_rtde(self, reason: str) -> str:
-        """Why the RTDE connection ended with `reason`, where the server may be another."""
+        """Explain why the RTDE connection ended with `reason`, in case the server is another."""
         self._mute = 0 if self.feed.answered else self._mute + 1
         if self.feed.foreign:
             return f"{self.feed.foreign}; not tried again before motion is enabled"
@@ -250,7 +250,6 @@ class UrSession(TcpSession[Channel, Task]):
         )
 
     def outgoing(self) -> list[tuple[Channel, bytes]]:
-        """Return the messages to send now, in order; `_out` is to other channels than RTDE's."""
         states = self.feed.out
         if not (states or self._out):
             return []
@@ -310,7 +309,7 @@ class UrSession(TcpSession[Channel, Task]):
 
     @property
     def command_latency(self) -> LatencyHistogram:
-        """From a command until the state that shows that the program obeyed it."""
+        """Time from a command to the state that shows that the program obeyed it."""
         self.account()
         return self._command_latency
 
@@ -339,14 +338,15 @@ class UrSession(TcpSession[Channel, Task]):
         self._go_on(now_s)
 
     def _take_message(self, message: RobotMessage) -> None:
-        # Text is what any program or URCap says by `textmsg`: no sign that ours was not started.
+        # Any program or URCap may send text by `textmsg`: it does not show that ours was not
+        # started.
         if message.kind == MessageKind.RUNTIME_EXCEPTION and self._starting is not None:
             self._starting.report_failure(f"line {message.line}: {message.text}")
 
-    # -- what the states mean ---------------------------------------------------------------------
+    # -- evaluation of states -------------------------------------------------------------------
 
     def _look(self, now_s: float) -> None:
-        """Act on the newest state."""
+        """React to the newest state."""
         if self.feed.clock.fault and self.phase not in ("down", "idle"):
             self._end(again(self.feed.clock.fault))
         if self._motion is not None:
@@ -354,7 +354,7 @@ class UrSession(TcpSession[Channel, Task]):
         elif self.phase == "down":
             self.phase = "idle"
             self.sessions += 1
-            # Values that an earlier run has left in the registers are void.
+            # Values of an earlier run in the registers are void.
             self._beat += 1
             self.feed.write(nobody(self._beat))
             if self._at_start:
@@ -388,9 +388,10 @@ class UrSession(TcpSession[Channel, Task]):
             self._brake(motion, now_s)
 
     def _astray(self, values: Package, now_s: float) -> str:
-        """Which joint has been too far from its target for too long, in words; empty: none."""
+        """Describe a joint that was too far from its target for too long; empty if there is
+        none."""
         most = self._astray_rad
-        # No joint is farther off than all of them together.
+        # No single joint is farther off than all of them together.
         if math.dist(values.actual_q, values.target_q) <= most:
             self._followed_s = now_s
             return ""
@@ -407,7 +408,7 @@ class UrSession(TcpSession[Channel, Task]):
         )
 
     def _stuck(self, obeyed: int, motion: UrMotion) -> bool:
-        """Whether commands were sent and none was obeyed for a while."""
+        """True if commands were sent and none was obeyed for a while."""
         beat, at_s = self._answered
         time_s = self.feed.clock.time_s
         if (
@@ -421,7 +422,7 @@ class UrSession(TcpSession[Channel, Task]):
         return time_s - at_s > ANSWER_S / min(slider, 1.0)
 
     def _brake(self, motion: UrMotion, now_s: float) -> None:
-        """Brake for one period of the ramp that ends motion; then order the program to end."""
+        """Brake for one period of the ramp that ends motion; then command the program to end."""
         if motion.moving and now_s < self._braked_by_s:
             self._send(HoldCommand(), motion, now_s)
         else:
@@ -430,12 +431,12 @@ class UrSession(TcpSession[Channel, Task]):
             self._beat = motion.beat
 
     def _end(self, reason: str) -> None:
-        """Motion has ended, or its start."""
+        """Record the end of motion, or of its start."""
         self.account()
         if self.phase in ("moving", "braking"):
             self.ends += 1
             if self._motion is not None:
-                # A program that is only paused ends as soon as it goes on.
+                # A program that is only paused ends as soon as it continues.
                 self.feed.write(self._motion.end())
                 self._beat = self._motion.beat
         if self.phase != "down":
@@ -466,7 +467,7 @@ class UrSession(TcpSession[Channel, Task]):
             self._unlocks = True
 
     def _enable(self, now_s: float) -> None:
-        """A controller that is not connected is not asked later instead."""
+        """Start motion. Without a connection the request is refused, not deferred."""
         if self.phase != "idle":
             return
         if self.feed.clock.fault:
@@ -479,7 +480,7 @@ class UrSession(TcpSession[Channel, Task]):
         self.feed.write(nobody(self._beat))
 
     def _go_on(self, now_s: float) -> None:
-        """The next step of a start."""
+        """Execute the next step of a start."""
         starting, values = self._starting, self.feed.values
         if starting is None or self.phase != "starting":
             return
@@ -519,7 +520,6 @@ class UrSession(TcpSession[Channel, Task]):
         self._drop("primary", "not needed", now_s)
 
     def leave(self, now_s: float) -> None:
-        """Brake and end the program, because the application ends its loop."""
         if self.phase == "moving":
             self.phase = "braking"
             self._braked_by_s = now_s + self.braking_s + 0.5
@@ -562,7 +562,7 @@ class UrSession(TcpSession[Channel, Task]):
         return self.feed.streaming and now_s - self.feed.heard_s <= self._blind_s
 
     def late(self, now_s: float) -> bool:
-        """True when a newer state than the newest should be there."""
+        """True when a newer state than the newest is due."""
         return (now_s - self.feed.heard_s) * self.feed.rate_hz > 1.0
 
     def due_state(self, now_s: float) -> RobotState | None:
@@ -578,7 +578,7 @@ class UrSession(TcpSession[Channel, Task]):
         if feed.packages == self._reported_packages:
             if now_s - self._said_s < WAKE_S:
                 return None
-            # States are late and not lost yet: nothing is new, and nothing is answered.
+            # States are late and not lost yet: nothing is reported or answered.
             return self._state(now_s, _LIVE, 0.0, "waiting for the controller")
         self._reported_packages = feed.packages
         time_s = feed.clock.time_s
@@ -590,7 +590,7 @@ class UrSession(TcpSession[Channel, Task]):
         if self.phase == "moving" and self._motion is not None:
             self.reply_pending = True
             if not self._effective or hold_reason:
-                # Targets given while nothing could move are void.
+                # Targets from the time without motion are void.
                 self._motion.begin(feed.values.target_q)
             if not self._effective and not hold_reason:
                 self.sessions += 1
@@ -651,7 +651,7 @@ class UrSession(TcpSession[Channel, Task]):
         self.reply_pending = False
         if not self._effective:
             command = HoldCommand()
-        # Packages received since the state was given count as answered and heard.
+        # Packages received since the state was returned count as answered and heard.
         self._reported_packages, self._said_s = self.feed.packages, now_s
         self._send(command, motion, now_s)
 
@@ -668,7 +668,7 @@ class UrSession(TcpSession[Channel, Task]):
             feed.write(values)
 
     def check(self, command: RobotCommand) -> None:
-        """Raise CommandError for a command of a wrong kind or length, or without sensible numbers.
+        """Raise CommandError for a command of a wrong kind or length, or with implausible numbers.
 
         Commands beyond the limits are limited, not refused.
         """
@@ -688,7 +688,6 @@ class UrSession(TcpSession[Channel, Task]):
         return f"no state from {where} for {options.state_timeout_s:g} s"
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Problems, and what else deserves attention, worst first."""
         found = []
         if not self._live(now_s):
             found.append(self._silence())
@@ -714,13 +713,12 @@ class UrSession(TcpSession[Channel, Task]):
         return tuple(found)
 
     def protocol_errors(self) -> dict[str, int]:
-        """RTDE packets that could not be used."""
+        """RTDE packets that could not be used, by kind."""
         ignored = self.feed.ignored
         wrong = ignored[IMPLAUSIBLE]
         return {"implausible": wrong, "malformed": sum(ignored.values()) - wrong}
 
     def metrics(self) -> dict[str, float]:
-        """Live figures."""
         latency = self.command_latency
         return {
             "period_s": self.feed.period_s,

@@ -71,7 +71,7 @@ _AGAIN: Final = "enable again"
 
 
 def again(reason: str) -> str:
-    """`reason`, and what to do when it is over, which some reasons say already."""
+    """Append advice to `reason`, unless it has some."""
     return reason if _AGAIN in reason else f"{reason}; {_AGAIN}"
 
 
@@ -87,8 +87,8 @@ _NUMBER: Final = re.compile(r"ur(\d+)", re.ASCII | re.IGNORECASE)
 
 
 def other_arm(robot: str, major: int, model: str) -> str:
-    """Why a controller of this software, which calls its arm `model` (empty: not known), cannot
-    have this arm, in words; empty: it can, or the arm is none that is known by its name."""
+    """Explain why a controller of this software that reports the arm `model` (empty: unknown)
+    cannot have this arm; empty: it can, or the arm is not a known model."""
     ours, theirs = _NUMBER.match(robot), _NUMBER.match(model)
     if ours is not None and theirs is not None and ours[1] != theirs[1]:
         return (

@@ -1,4 +1,4 @@
-"""Whether the measured arm, and not only its command, is at rest where a motion ends."""
+"""Arrival check: the measured arm, and not only its command, is at rest at the end of a motion."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ SLOW_RAD_S = 0.02
 
 _SPACING_S = 0.01
 _KEPT = 11
-"""Places of the last 0.1 s: that long a joint may be seen to jump by a count of a coarse encoder,
-2 mrad, and still count as slow."""
+"""Positions kept from the last 0.1 s: within that time a joint may jump by one count of a coarse
+encoder, 2 mrad, and still count as slow."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArrivalOptions(Options):
-    """How near its goal the measured arm has to come to rest, that a motion which ends by itself
-    (movj, relj, movl, a trajectory) has arrived, and how long that is waited for."""
+    """Tolerances around the goal within which the arm must come to rest at the end of movj, relj,
+    movl or a trajectory, and the longest wait for it."""
 
     arrival_m: Annotated[float, bounds.ARRIVAL_M] = 0.01
-    """Farthest that the TCP may be from the end of its line."""
+    """Largest distance of the TCP from the end of its line."""
     arrival_rad: Annotated[float, bounds.ARRIVAL_RAD] = 0.02
-    """Farthest that it may be turned from there."""
+    """Largest angle of the TCP from its orientation at the end of the line."""
     arrival_joint: Annotated[float, bounds.ARRIVAL_JOINT] = 0.01
-    """Farthest that a joint may be from its goal, rad or m, if joints are moved."""
+    """Largest distance of a joint from its goal in motions of joints, rad or m."""
     arrival_timeout_s: Annotated[float, bounds.ARRIVAL_S] = 2.0
-    """Longest wait for it once the command is at rest, beyond the robot's lag."""
+    """Longest wait for the arm once the command is at rest, beyond the robot's lag."""
 
 
 class Arrival:
     """Watches the measured joints of one motion."""
 
     def __init__(self, options: ArrivalOptions, lag_s: float = 0.0) -> None:
-        """`lag_s`: how far the robot may be behind its command in good order."""
+        """`lag_s`: normal delay of the robot behind its command."""
         self.options, self.lag_s = options, lag_s
         self._seen: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_KEPT)
 
@@ -48,8 +48,9 @@ class Arrival:
             self._seen.append((robot.stamp_s, robot.joints))
 
     def arrived(self, robot: RobotState, near: bool) -> bool:
-        """Whether the arm, which is `near` its goal or not, has come to rest there: no joint has
-        moved to speak of since one of the last places, and it was near since then."""
+        """Return whether the arm has come to rest at its goal. `near` says whether it is there now.
+        At rest: no joint has moved noticeably since one of the last positions, and the arm was near
+        since then."""
         if not near:
             self._seen.clear()
         return any(

@@ -12,37 +12,37 @@ from cardan.errors import ConfigurationError
 from cardan.types import NEVER_S
 
 OPERATOR = "hand"
-"""The operator device beside the session: the name that files, records and the network have."""
+"""The operator device of the session: its name in files, in records and on the network."""
 
 VERBS = "verbs"
 """The verbs and nameless streams of this process."""
 
 LEASE_S = 2.0
-"""Default time for which a source that does not renew its authority keeps it: longer than any
+"""Default time until the authority of a source that does not renew it expires: longer than any
 network's pause that an operator would sit out, short enough for others to wait for."""
 
 
 class AuthorityPolicy(enum.Enum):
-    """Which source may take the authority from which. Stop needs none."""
+    """Policy for taking the authority from another source. Stop needs no authority."""
 
     OPERATOR = "hand"
     """Re-arming the operator device takes it from any source; others when it is free."""
     FIRST = "first"
-    """Any source takes it when it is free, the operator device too."""
+    """Any source takes it when it is free, the operator device included."""
     NAMED = "named"
-    """Only the named source may have it, and the one that this hands it over to; where a network is
-    named ("ros2"), each of its nodes ("ros2 /joystick")."""
+    """Reserved for the named source and the one that this hands it over to; the name of a network
+    ("ros2") includes each of its nodes ("ros2 /joystick")."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AuthorityOptions(Options):
-    """``[authority]``: which source may move the arm, and which may take it from which."""
+    """``[authority]``: sources that may move the arm, and their precedence."""
 
     policy: AuthorityPolicy = AuthorityPolicy.OPERATOR
     named: str = ""
-    """The source that may have it, where `policy` is NAMED."""
+    """The source that may have it if `policy` is NAMED."""
     lease_s: Annotated[float, AUTHORITY_LEASE_S] = LEASE_S
-    """How long a source that does not renew keeps it, s."""
+    """Time until the authority of a source that does not renew it expires, s."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,7 +55,7 @@ class AuthorityOptions(Options):
 
 
 class AuthorityState(NamedTuple):
-    """The source that has the authority, since when, and the last refusal."""
+    """The source that has the authority, the time since when, and the last refusal."""
 
     owner: str
     """Empty: no source."""
@@ -69,8 +69,8 @@ class Authority:
     """The one source that may move the arm, and its lease. All times are the robot's stamps, s."""
 
     def __init__(self, options: AuthorityOptions | None = None, network: str = "") -> None:
-        """`network`: the first word of the sources of the arm's network, which no other source may
-        have; empty: none commands it."""
+        """`network`: first word of the names of sources on the arm's network, reserved for these;
+        empty: the arm takes no commands from a network."""
         options = options or AuthorityOptions()
         self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
         self.network = network
@@ -94,7 +94,7 @@ class Authority:
             self.owner = self._handed_to = ""
 
     def refuses(self, source: str) -> str:
-        """Why `source` may not take it now; empty when it may."""
+        """Return why `source` may not take it now; empty when it may."""
         if source == self.owner:
             return ""
         if self.owner and not (self.policy is AuthorityPolicy.OPERATOR and source == OPERATOR):
@@ -104,14 +104,14 @@ class Authority:
         return ""
 
     def _is_named(self, source: str) -> bool:
-        """Whether the arm is reserved for `source`, or for the network that it is a node of."""
+        """Return whether the arm is reserved for `source`, or for its network."""
         if source in (self.named, self._handed_to):
             return True
         is_network = bool(self.network) and self.named == self.network
         return is_network and source.startswith((f"{self.named} /", f"{self.named} #"))
 
     def take(self, source: str, now_s: float) -> str:
-        """Give it to `source`, or renew it; returns why not, or ""."""
+        """Give it to `source`, or renew it; return why not, or ""."""
         refusal = self.refuses(source)
         if refusal:
             self._refused = f"{source}: {refusal}"
@@ -122,13 +122,13 @@ class Authority:
         return ""
 
     def hand_over(self, source: str, to: str, now_s: float) -> str:
-        """Pass it from `source`, its owner, to `to`; returns why not, or ""."""
+        """Pass it from `source`, its owner, to `to`; return why not, or ""."""
         if source != self.owner:
             return f"{source!r} has no authority over the arm to hand over"
         self.owner, self._since_s, self._renewed_s, self._handed_to = to, now_s, now_s, to
         return ""
 
     def release(self, source: str) -> None:
-        """`source` needs it no more; without effect where it has none."""
+        """Free the authority of `source`; no effect on that of another."""
         if source == self.owner:
             self.owner = self._handed_to = ""

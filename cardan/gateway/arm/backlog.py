@@ -1,4 +1,4 @@
-"""Limits on the time that a request for motion may have waited on its way, by any route."""
+"""Limits on the delay of a request for motion between its sender and the arm, by any route."""
 
 from __future__ import annotations
 
@@ -12,39 +12,40 @@ STALE_S = 0.3
 """A command that may have waited for longer is dropped: its sender may have stopped since."""
 
 STREAMED_S = 0.2
-"""The same of a streamed command, at the arm: with the stream's timeout and the way that braking
-takes it is at rest within 0.4 s."""
+"""Limit for a streamed command, at the arm: with the stream's timeout and its braking ramp the arm
+is at rest within 0.4 s."""
 
 PROVEN_S = 0.3
-"""How long a command of a sender that is not known yet may have waited until that was connected."""
+"""Longest delay that the first command of an unknown sender may have had until its connection was
+made."""
 
 NEVER_STALE = "/stop", "/release", "/cancel_goal"
-"""Endings of the names of commands that only end something."""
+"""Endings of the names of commands that only end motion or give up authority."""
 
 UNKNOWN_CLOCK = "the clock of its sender is not known yet"
-"""Why the first commands of a sender are refused, for PROVEN_S at most."""
+"""Reason for refusing the first commands of a sender, for PROVEN_S at most."""
 
 BACKLOGGED_S = 1.0
-"""A client of which something waits for more than STALE_S, for this long, sends more than can be
-handled: it is disconnected."""
+"""A client is disconnected when its messages have waited for more than STALE_S for this long: it
+sends more than can be handled."""
 
 BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send less often"
 """The reason for the client, of 123 bytes at most, the limit of WebSocket."""
 
 
 def is_stale(name: str, waited_s: float) -> bool:
-    """Whether a client's message, call or goal waited for too long to act on; a stop is never too
-    late."""
+    """Return whether a client's message, call or goal waited too long to act on; a stop is never
+    too late."""
     return waited_s > STALE_S and not name.endswith(NEVER_STALE)
 
 
 def stale_words(name: str, waited_s: float) -> str:
-    """Why a call or a goal that `is_stale` is refused."""
+    """Return why a stale call or goal is refused."""
     return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
 
 
 def late_words(waited_s: float) -> str:
-    """Why a streamed command is refused that waited for longer than STREAMED_S."""
+    """Return why a streamed command that waited for longer than STREAMED_S is refused."""
     return (
         f"it waited for {waited_s:.2f} s on its way; more than {STREAMED_S:g} s is too late to act "
         "on"
@@ -52,14 +53,14 @@ def late_words(waited_s: float) -> str:
 
 
 class Backlog:
-    """Whether more waits of one client, and for longer, than is tolerated."""
+    """Detector of a client whose messages wait too long, for too long."""
 
     def __init__(self) -> None:
         self._since_s = NEVER_S
 
     def lasts(self, waited_s: float, now_s: float) -> bool:
-        """Whether it has lasted for too long, as of `now_s` the newest that was read can have
-        waited for `waited_s`."""
+        """Return whether the backlog has lasted too long; `waited_s`: longest possible delay of the
+        newest message read at `now_s`."""
         if waited_s <= STALE_S:
             self._since_s = NEVER_S
             return False
@@ -72,17 +73,18 @@ SENDERS = 64
 """Senders whose delays are kept; the longest silent one is dropped first."""
 
 REMEMBERED_S = 30.0
-"""How long the smallest delay of a sender that goes on counts, at least; twice this at most. Two
-clocks that differ by 100 ppm part by 6 ms meanwhile, and a clock that was set is trusted again."""
+"""Shortest time for which the smallest delay of an active sender counts; twice this at most. Two
+clocks that differ by 100 ppm drift apart by 6 ms meanwhile, and a clock that was set is trusted
+again."""
 
 FORGOTTEN_S = 3600.0
-"""After so long a silence nothing is known of a sender's clock any more."""
+"""Silence after which a sender's clock counts as unknown again."""
 
 DRIFT = 1e-4
-"""By how much two clocks may part while their sender is silent."""
+"""Largest relative drift between two clocks while their sender is silent."""
 
 AGREE_S = 0.005
-"""Shortest time between two stamps that says something."""
+"""Shortest time between two stamps from which their clock is judged."""
 
 
 class _Quickest(NamedTuple):
@@ -92,24 +94,25 @@ class _Quickest(NamedTuple):
     now_s: float
     before_s: float
     heard_s: float
-    """When its newest command came."""
+    """Time of reception of its newest command."""
     unproven_s: float
-    """When its first command came, while nothing shows that its stamps are live; else infinite."""
+    """Time of reception of its first command while nothing shows that its stamps are live; else
+    infinite."""
     anchor: tuple[float, float]
-    """Times of a command that the next ones are compared with: its stamp, and when it came."""
+    """Stamp and time of reception of the command that the next ones are compared with."""
     waited_s: float = 0.0
-    """Delay of its newest command: how much longer than its quickest it was on its way."""
+    """Delay of its newest command, compared with its quickest one."""
 
 
 class Delays:
-    """The smallest difference seen lately between reception here and each sender's own stamps."""
+    """The smallest recent difference between time of reception and stamp, for each sender."""
 
     def __init__(self) -> None:
         self._quickest: dict[Hashable, _Quickest] = {}
 
     def hear(self, owner: Hashable, stamp_s: float, now_s: float, retained: str = "") -> float:
-        """Learn from a command, taken or not; how much longer than its sender's quickest it was on
-        its way, s; 0 for a first. `retained`: a sender that is not forgotten for others."""
+        """Learn from a command, taken or not. Return its delay compared with its sender's quickest
+        command, s; 0 for a first. `retained`: a sender that is not dropped in favor of others."""
         known = self._quickest.pop(owner, None)
         if known is None or now_s - known.heard_s > FORGOTTEN_S:
             # Between a program without a name, which is this one, and the arm there is no queue.
@@ -139,7 +142,7 @@ class Delays:
         return waited_s
 
     def late(self, owner: Hashable) -> str:
-        """Why the newest command of a sender is too late to act on; empty: it is not."""
+        """Return why the newest command of a sender is too late to act on; empty if it is not."""
         known = self._quickest.get(owner)
         if known is None:
             return ""

@@ -1,13 +1,13 @@
 """The controller of one arm: robot state in, command out, one `tick`.
 
-An operator device, a verb or a stream is a source that requests motion; the controller decides. A
-tick goes through once: the robot's state is judged (:mod:`supervision`), the operator device's
-state becomes a request (:mod:`cardan.gateway.operator.input`), one motion moves the commanded
-arm, and the output check sees the command. Nothing here reads a clock, a socket or a file: time
-comes in with the states, so tests run it in virtual time.
+An operator device, a verb or a stream is a source that requests motion; the controller decides. In
+each tick the robot's state is checked (:mod:`supervision`), the operator device's state becomes a
+request (:mod:`cardan.gateway.operator.input`), one motion moves the commanded arm, and the output
+check sees the command. Nothing here reads a clock, a socket or a file: time is part of the states,
+so tests run it in virtual time.
 
 The rule: nothing moves unless a fresh command from a live operator says so. Any interruption ends
-in a braking ramp and a hold, and re-arming is needed to go on.
+in a braking ramp and a hold, and motion needs re-arming afterwards.
 """
 
 from __future__ import annotations
@@ -56,27 +56,30 @@ from cardan.types import (
 )
 
 EASE_ABOVE = 0.5
-"""Share of the maximum lead beyond which an undriven reference is brought back to its robot, so
-that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator releases the
-dead-man, not that lead further on. Gravity sag is far below it and never creeps in."""
+"""Share of the maximum lead beyond which the reference is moved back to its robot while no motion
+drives it: an arm that lags (MaxSpeedDeviation, a person in its way) then stops when the operator
+releases the dead-man, not after catching up. Gravity sag stays far below it and causes no creeping.
+"""
 
 NEAR_SHARE = 0.1
 """Share of the maximum lead, and of the joints' following-error limit, within which a recovery
 ends."""
 
 BEHIND_SHARE = 0.5
-"""Share of the following error's limit beyond which no pose and no clutch is accepted."""
+"""Share of the following error's limit beyond which the arm accepts neither poses nor a clutch."""
 
 COASTS_S = 0.5
-"""Longest time for which a robot goes on at the speed it was commanded last."""
+"""Longest time for which a robot may continue at its last commanded speed."""
 
 HELD_SHARE = 0.5
 """Share of the requested speed below which the message names the limit."""
 
+_new = tuple.__new__
+"""Makes a named tuple in half the time of its constructor, for those of every cycle."""
 
 RequestRecorder = Callable[[int, str, str], None]
-"""Told of each request that is no operator device's: how many ticks had begun before it, its name,
-and its argument in words. Called in the thread that asks."""
+"""Receives each request of a source other than the operator device: number of ticks begun before
+it, its name, and its argument as text. Called in the requesting thread."""
 
 
 class Listener(Protocol):
@@ -86,7 +89,7 @@ class Listener(Protocol):
         """End all motions under way or planned, for this reason."""
 
     def finished(self, reason: str) -> None:
-        """Take the end of the motion; `reason` says why before its goal, else it is empty."""
+        """Take the end of the motion; `reason`: why it ended before its goal, else empty."""
 
 
 class ArmController:
@@ -106,35 +109,35 @@ class ArmController:
         period_s: float = 0.0,
         output_limits: OutputLimits | None = None,
     ) -> None:
-        """`limits` are those of the operator's motion; `period_s` is the robot's; 0: unknown."""
+        """`limits` bound the operator's motion; `period_s` is the robot's; 0: unknown."""
         self.commanded = commanded
         self.operator = operator
         self.authority = authority or Authority()
         self.supervision = Supervision(watchdogs or Watchdogs(), period_s)
         self.reference = Reference(limits)
-        """Reference that the TCP follows; it stays at the TCP while another motion moves that."""
+        """Reference that the TCP follows; it stays at the TCP during other motions."""
         self.lock = threading.RLock()
         """Guards everything that `tick` touches; never held for long."""
         self.robot: RobotState | None = None
         """The newest state."""
         self.plan_epoch = 0
-        """Counts events that void plans: loss of the robot, trips, stops, takeovers by the
+        """Counts events that make plans invalid: loss of the robot, trips, stops, takeovers by the
         operator."""
         self.listener: Listener | None = None
-        """Source that begins motions, beside the operator device."""
+        """Source of motions other than the operator device."""
         self.recorder: RequestRecorder | None = None
-        """Records inputs of the ticks beside their arguments."""
+        """Records the inputs of ticks that are not their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
         self._recording_thread = 0
         """The thread whose present request is recorded as a whole; 0: none."""
         self.not_ready = "no state of the robot was received yet"
-        """Why the robot cannot be commanded now; empty when it can."""
+        """Reason why the robot cannot be commanded now; empty when it can."""
         self.state = States()
         """State of the controller; assigned by `_enter` alone."""
         self._output_check = OutputCheck(output_limits or OutputLimits.of_free_body(limits))
         self.advanced_s = 0.0
-        """Time by which the last tick advanced; lost time is not in it."""
+        """Time by which the last tick advanced, without lost time."""
         self._motion: CommandedMotion | None = None
         """Motion that moves the commanded arm; it comes with the state of motion."""
         self._request = NO_REQUEST
@@ -143,13 +146,13 @@ class ArmController:
         self._tripped_in_tick = False
         """Whether the present tick ended a motion of some source, or placed the arm."""
         self._separation_reason = ""
-        """Why the command and its robot stay apart until re-armed, where they do."""
+        """Reason why command and robot stay separate until re-armed; empty if they do not."""
         self._recovered_way = NO_WAY
         """Length of recoveries since the last re-arming."""
         self._inhibits: Mapping[Inhibit, str] = {}
         """Inhibits from outside, each with its reason; assigned as a whole."""
         self.stops, self.stopped_by = 0, ""
-        """Stops that sources asked for, and which did last."""
+        """Count of stops that sources requested, and the last of these sources."""
         self._filter_fault = ""
 
     # -- state -----------------------------------------------------------------------------------
@@ -172,7 +175,7 @@ class ArmController:
 
     @property
     def braking(self) -> bool:
-        """True while the motion was told to come to rest."""
+        """True while the motion is braking on request."""
         return self.state.motion.braking
 
     @property
@@ -194,7 +197,7 @@ class ArmController:
 
     @property
     def waits_for_rearming(self) -> bool:
-        """True while command and robot stay apart until re-armed."""
+        """True while command and robot stay separate until re-armed."""
         return self.state.separation.until_rearmed
 
     @property
@@ -204,12 +207,12 @@ class ArmController:
 
     @property
     def trips(self) -> int:
-        """How often a watchdog or fault disengaged the source that moved the arm."""
+        """Count of the trips: a watchdog or fault disengaged the source that moved the arm."""
         return self._trips
 
     @property
     def message(self) -> str:
-        """Why nothing moves and what to do about it; empty when all is well."""
+        """Reason why nothing moves, and what to do; empty when all is well."""
         with self.lock:
             if ended := self._inhibits.get(Inhibit.FOR_GOOD):
                 return ended
@@ -272,7 +275,7 @@ class ArmController:
             arm = commanded.status() if placed else None
             by_operator = self._motion is None or self._motion.follows_operator
             if arm is not None and not self._request.asks and by_operator:
-                arm = arm._replace(path_speed=1.0)  # Nothing is asked, so nothing is slowed.
+                arm = arm._replace(path_speed=1.0)  # Without a request nothing is slowed.
             return ArmStatus(
                 self.phase,
                 self.message,
@@ -320,8 +323,8 @@ class ArmController:
 
     @contextlib.contextmanager
     def recorded_request(self, what: str, argument: str) -> Iterator[None]:
-        """Record a request made inside as a whole: no other that it consists of.
-        The caller holds the lock."""
+        """Record a request made inside as a whole, without the requests that it consists of. The
+        caller holds the lock."""
         self.record_request(what, argument)
         outer, self._recording_thread = self._recording_thread, threading.get_ident()
         try:
@@ -356,16 +359,16 @@ class ArmController:
         self._end_motion(reason)
 
     def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
-        """From the next tick on keep away from a neighbor where it is at `joints`, as
-        :class:`cardan.gateway.arm.joint_space_arm.JointSpaceArm` does."""
+        """Keep away from a neighbor from the next tick on, as
+        :meth:`cardan.gateway.arm.joint_space_arm.JointSpaceArm.place_neighbor` does."""
         with self.lock:
             if self.recorder is not None:
                 self.record_request("place_neighbor", json.dumps((index, joints, ways_m)))
             self.commanded.place_neighbor(index, joints, ways_m)
 
     def acknowledge(self) -> str:
-        """Re-arm after implausible readings, or after a recovery that was given up;
-        returns why it is too early, or ""."""
+        """Re-arm after implausible readings, or after a recovery that was given up; return why it
+        is too early, or ""."""
         with self.lock:
             self.record_request("acknowledge")
             return self._acknowledge()
@@ -379,21 +382,21 @@ class ArmController:
             self._on(ArmEvent.PLAUSIBLE)
             if readings.elsewhere and self.robot is not None and self.state.link.ready:
                 self._place(self.robot)
-        # Once more by the maximum lead towards the robot, where it is not near already.
+        # Again by the maximum lead towards the robot, unless it is near already.
         self._on(ArmEvent.ACKNOWLEDGED)
         self._recovered_way = NO_WAY
         return ""
 
     @property
     def _inhibited(self) -> str:
-        """Why no source may move the arm, whatever it does; empty when one may."""
+        """Return why no source may move the arm; empty when one may."""
         if not (inhibits := self._inhibits):
             return ""
         return inhibits.get(Inhibit.FOR_GOOD) or inhibits.get(Inhibit.WHILE_SAID, "")
 
     @property
     def inhibited(self) -> str:
-        """Why no source can begin a motion now; empty when one can."""
+        """Return why no source can begin a motion now; empty when one can."""
         if inhibited := self._inhibited:
             return inhibited
         if self.rejects:
@@ -418,7 +421,7 @@ class ArmController:
             self._rest_reference()
 
     def engage(self) -> None:
-        """Command the robot from now on; from where it is, if it was not commanded before."""
+        """Command the robot from now on; from its measured position if it was not yet commanded."""
         if not self.engaged:
             assert self.robot is not None
             self.commanded.place(self.robot)
@@ -473,8 +476,8 @@ class ArmController:
             return self._command(robot, dt_s)
 
     def _heed_inhibits(self) -> bool:
-        """Trip by the inhibits of now; those for one tick are over. Returns whether the operator's
-        motion is ignored in this tick."""
+        """Trip because of present inhibits, and drop those for one tick. Return whether the
+        operator's motion is ignored in this tick."""
         inhibits = self._inhibits
         reason = inhibits.get(Inhibit.ONCE) or inhibits.get(Inhibit.WHILE_SAID)
         if reason and self._driven:
@@ -485,13 +488,13 @@ class ArmController:
 
     @property
     def _why_no_recovery(self) -> str:
-        """Why not even a recovery may move the command now."""
+        """Return why even a recovery must not move the command now; empty when it may."""
         alarm = "" if self.robot is None else self.robot.alarm
         return self._inhibited or alarm
 
     @property
     def _keeps_authority(self) -> bool:
-        """Whether a motion is under way whose source need not renew its authority."""
+        """Return whether a motion is under way whose source need not renew its authority."""
         motion = self._motion
         if motion is None or motion.recovers:
             return False
@@ -501,7 +504,7 @@ class ArmController:
     # -- faults ----------------------------------------------------------------------------------
 
     def _act_on(self, finding: StopReason, robot: RobotState) -> None:
-        """The one place where a finding about the robot has consequences."""
+        """Act on a finding about the robot: the one place for its consequences."""
         cause, reason = finding
         if cause is Cause.FIRST:
             self._place(robot)
@@ -543,7 +546,7 @@ class ArmController:
                 self._end_motion(reason)
 
     def _before(self, robot: RobotState) -> RobotState | None:
-        """The state before, where the arm moved by command since and may still move."""
+        """Return the state before, if the arm moved by command since and may still move."""
         before = self.supervision.previous
         if before is None or not (
             self.supervision.acted and self.engaged and self.commanded.moving
@@ -559,10 +562,8 @@ class ArmController:
         events: Sequence[ButtonEvent],
         dt_s: float,
     ) -> RobotCommand:
-        """No robot to command: the source that was moving it has to engage again.
-
-        A controller that is still heard may still obey: then the motion is braked in a ramp.
-        """
+        """Handle the loss of the robot: the source that moved it has to engage again. A controller
+        that still sends may still obey: then the motion is braked in a ramp."""
         cause, reason = finding
         if cause is Cause.LOST:
             self._trip_if_driven("the robot's controller fell silent")
@@ -589,7 +590,7 @@ class ArmController:
         return HoldCommand()
 
     def _disengage(self, reason: str) -> None:
-        """Forget all motion: where the robot is when it comes back is not known."""
+        """Forget all motion: the robot's position after the loss is unknown."""
         self.plan_epoch += 1
         self._end_motion(reason)
         self._on(ArmEvent.FORGOTTEN)
@@ -599,7 +600,7 @@ class ArmController:
             self.reference.place(self.reference.pose)
 
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
-        """Start from where the robot is; with a state `before`, from the speed that it has."""
+        """Start from the robot's position; with a state `before`, from its speed, too."""
         self.plan_epoch += 1
         self._recovered_way = NO_WAY
         self._tripped_in_tick = True
@@ -615,7 +616,7 @@ class ArmController:
         )
 
     def _rest_here(self, reason: str) -> None:
-        """Be at rest where the command is: it is not known where the robot is, or how it moves."""
+        """Rest at the commanded position: the robot's position or motion is unknown."""
         self.plan_epoch += 1
         self._end_motion(reason)
         self._on(ArmEvent.OVER)
@@ -673,7 +674,7 @@ class ArmController:
         dt_s: float,
         ignored: bool,
     ) -> None:
-        """Turn the device's state into a request, once, and see which source drives."""
+        """Turn the device's state into a request, once, and choose the source that drives."""
         reference, motion, authority = self.reference, self._motion, self.authority
         state, inhibited, behind = self.state, "", ""
         recovers = motion is not None and motion.recovers
@@ -692,17 +693,22 @@ class ArmController:
         if operator.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.commanded.measured(robot))
-        view = ArmView(
-            seen,
-            dt_s,
-            reference.pose,
-            resting_pose(reference) if operator.mapping.follows_pose and reference.pose else None,
-            state.arming,
-            free and not state.readings.rejected,
-            inhibited,
-            behind,
-            self._tripped_in_tick and bool(self._trip_reason),
-            suspended=ignored,
+        poses = operator.mapping.follows_pose and reference.pose is not None
+        view = _new(
+            ArmView,
+            (
+                seen,
+                dt_s,
+                reference.pose,
+                resting_pose(reference) if poses else None,
+                state.arming,
+                free and not state.readings.rejected,
+                inhibited,
+                behind,
+                self._tripped_in_tick and bool(self._trip_reason),
+                False,
+                ignored,
+            ),
         )
         self._request = request = operator.request(device, events, view)
         recovering = state.separation.waits or recovers
@@ -740,7 +746,7 @@ class ArmController:
                 self._acknowledge()
 
     def _take_over(self, now_s: float) -> None:
-        """The operator device takes the arm; a motion under way is braked first."""
+        """Give the arm to the operator device; a motion under way is braked first."""
         self._trip_reason, self._recovered_way = "", NO_WAY
         self.authority.take(OPERATOR, now_s)
         self.plan_epoch += 1
@@ -756,7 +762,7 @@ class ArmController:
         self._disarm()
 
     def _require_rearming(self, why: str) -> None:
-        """Leave command and robot apart until re-armed; `why` ends the sentence."""
+        """Leave command and robot separate until re-armed; `why` ends the sentence."""
         self._separation_reason = (
             "not resynchronized with the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
@@ -784,11 +790,11 @@ class ArmController:
                 self._finish(motion, reason)
 
     def _choose(self) -> None:
-        """Which motion the operator's request and the state of the recovery call for."""
+        """Choose the motion for the operator's request and the state of the recovery."""
         motion, request = self._motion, self._request
         if self.state.readings.rejected:
             return
-        if isinstance(motion, Recover):
+        if motion is not None and motion.recovers:
             if self.state.arming.armed and request.asks:
                 self._on(ArmEvent.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.commanded.pose)
@@ -815,11 +821,12 @@ class ArmController:
                 return
             # The dead-man's release brakes at once: jerk is limited only while the operator drives.
             motion.wanted, motion.smooth = request.twist, request.following
-            motion.rates = request.rates if any(request.rates.values()) else None
+            rates = request.rates
+            motion.rates = rates if rates and any(rates.values()) else None
 
     @property
     def _drifted(self) -> bool:
-        """Whether a reference at rest is so far from its robot that it is brought back."""
+        """Return whether a reference at rest is so far from its robot that it is moved back."""
         return (
             self.reference.lead_used > EASE_ABOVE
             and self.operator is not None

@@ -1,8 +1,8 @@
 """Record of a cycle of the control loop, input and output, as one line of JSON.
 
-Numbers are written as Python's ``repr`` has them, which reads back to the same bits: a recorded
-session can be held against a controller bit for bit (:mod:`cardan.recording.verify`). The
-controller reads no clock: all times that it saw are in the states.
+Numbers are written with Python's ``repr``, which reads back to the same bits, and a recorded
+session is compared with a controller bit for bit (:mod:`cardan.recording.verify`). The controller
+reads no clock: all its times are in the states.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from cardan.types import (
 
 
 class RecordError(ValueError):
-    """A text is no record of a cycle; the message says why."""
+    """Error: a text is no record of a cycle; the message says why."""
 
 
 class RecordedRequest(NamedTuple):
-    """A request as the controller's recorder has it."""
+    """Request as the controller's recorder gets it."""
 
     name: str
     """Name of the controller's method, or "verb"."""
@@ -54,7 +54,7 @@ class CycleRecord(NamedTuple):
     device: DeviceState | None
     events: tuple[ButtonEvent, ...]
     command: str
-    """Command that was sent, as `command_text` has it."""
+    """Command that was sent, as text of `command_text`."""
 
 
 def _plain(value: Any) -> Any:
@@ -70,7 +70,7 @@ _encode = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
 
 
 def command_text(command: RobotCommand) -> str:
-    """A command as JSON, its kind last. Commands are the same where their texts are."""
+    """Encode a command as JSON, its kind last. Equal texts mean equal commands."""
     return _encode(command)
 
 
@@ -89,7 +89,7 @@ def encode_cycle(number: int, before: Sequence[RecordedRequest], cycle: Cycle) -
 
 
 def decode_cycle(text: str) -> CycleRecord:
-    """The cycle that was recorded. Raises RecordError."""
+    """Decode the record of a cycle. Raises RecordError."""
     try:
         table: Mapping[str, Any] = json.loads(text)
         return CycleRecord(

@@ -67,7 +67,7 @@ class CartesianDevice(CartesianArm):
         mapping: MappingOptions | None = None,
     ) -> None:
         """`arm`: a model, its name or its file. `gripper` is called in the loop's thread. An
-        operator `device` moves the arm as `mapping` says, and takes it from the verbs.
+        operator `device` moves the arm by `mapping`, and takes precedence over the verbs.
 
         Raises ConfigurationError.
         """
@@ -93,7 +93,7 @@ class CartesianDevice(CartesianArm):
     def open(self) -> None:
         """Open the driver and start the loop; returns when the robot's first state is there.
 
-        A robot that stays silent is no error: `stat` and all motions say so. Raises DriverError.
+        A silent robot is no error here: `stat` and all motions report it. Raises DriverError.
         """
         if self._thread is not None:
             return
@@ -132,7 +132,7 @@ class CartesianDevice(CartesianArm):
         self._link.end(NOT_OPEN)
 
     def after_fork(self) -> None:
-        """In a forked child the arm stays the parent's: its robot, device and loop give it up."""
+        """Give up robot, device and loop in a forked child: the arm stays the parent's."""
         self._thread = None
 
     def _ask(

@@ -1,4 +1,4 @@
-"""The following error: how far a robot is from where it is commanded to be, and what stops it."""
+"""The following error: distance between a robot and its command, and its limits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class FollowingError(NamedTuple):
-    """How far a robot is from where it is commanded to be."""
+    """Distance between a robot and its command."""
 
     linear_m: float
     angular_rad: float
@@ -16,7 +16,7 @@ class FollowingError(NamedTuple):
     """That joint's name."""
 
     def exceeds(self, limit: FollowingError, share: float = 1.0) -> bool:
-        """True when one of the three is larger than `share` of that of `limit`."""
+        """Return whether one of the three is larger than `share` of its value in `limit`."""
         return (
             self.linear_m > share * limit.linear_m
             or self.angular_rad > share * limit.angular_rad
@@ -24,7 +24,8 @@ class FollowingError(NamedTuple):
         )
 
     def in_words(self, relation: str) -> str:
-        """For example "the robot is 12 mm and 0.10 rad behind its reference (joint_2 by 0.10)"."""
+        """Return a message such as "the robot is 12 mm and 0.10 rad behind its reference (joint_2
+        by 0.10)"."""
         if not self.linear_m and not self.angular_rad and self.joint:
             away = f"{self.joint_error:.3f} rad {relation}"
             return f"{self.joint} is {away} where it was commanded to be"

@@ -1,4 +1,4 @@
-"""The Cartesian interface as its users have it, wherever the arm's loop runs."""
+"""The Cartesian interface for users, whatever process runs the arm's loop."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class CartesianArm(ABC):
     """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
 
     A verb that is refused raises MotionRefusedError and changes nothing. A verb that takes over
-    from a motion under way blocks until that motion is braked to rest; if from there it turns out
-    impossible, it is refused and the arm stays at rest. All raise MotionLoopError once the loop has
-    ended.
+    from a motion under way blocks until that motion is braked to rest; if the new motion is
+    impossible from there, it is refused and the arm stays at rest. All raise MotionLoopError once
+    the loop has ended.
     """
 
     source = VERBS
-    """Name under which this client gets the authority over the arm."""
+    """Name of this client as a source of motion."""
 
     @abstractmethod
     def open(self) -> None:
@@ -42,19 +42,19 @@ class CartesianArm(ABC):
     def _ask(
         self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
     ) -> Any:
-        """Have `verb` carried out by the arm's :class:`VerbServer`, for `source` or our own; raises
-        its errors."""
+        """Have `verb` carried out by the arm's :class:`VerbServer` for `source`, or for this
+        client; raises the verb's errors."""
 
     # -- requests --------------------------------------------------------------------------------
 
     def stat(self) -> Stat:
-        """Measured pose of the TCP in the base, state code, time of the measurement; measured
-        joints, and where the TCP is commanded to be."""
+        """Return the measured pose of the TCP in the base, the state code, the time of measurement,
+        the measured joints, and the commanded pose of the TCP."""
         stat: Stat = self._ask("stat")
         return stat
 
     def inv(self, xd: Target) -> tuple[float, ...]:
-        """Joint positions (rad, m) with the TCP at `xd`, nearest to now."""
+        """Return the joint positions (rad, m) for the TCP at `xd`, nearest to the present ones."""
         positions: tuple[float, ...] = self._ask("inv", xd)
         return positions
 
@@ -64,7 +64,7 @@ class CartesianArm(ABC):
         return found
 
     def rehearse_joints(self, q: Sequence[float]) -> Rehearsal:
-        """The same for the straight motion of all joints to the positions `q`, rad or m."""
+        """Rehearse the straight motion of all joints to the positions `q`, rad or m."""
         found: Rehearsal = self._ask("rehearse_joints", q)
         return found
 
@@ -73,7 +73,7 @@ class CartesianArm(ABC):
         return self._start("movj", xd)
 
     def relj(self, xd: Target) -> Motion:
-        """Start the same to a pose relative to where the TCP is."""
+        """Start moving all joints to a pose relative to the present one of the TCP."""
         return self._start("relj", xd)
 
     def movl(self, xd: Target) -> Motion:
@@ -89,7 +89,7 @@ class CartesianArm(ABC):
         return self._start("movv", xdot)
 
     def gcmp(self) -> Motion:
-        """Carry the arm's own weight; it can be led by hand."""
+        """Hold the arm's own weight only; a person can lead it."""
         return self._start("gcmp", None)
 
     def forc(self, fd: Sequence[float]) -> Motion:
@@ -101,11 +101,9 @@ class CartesianArm(ABC):
         return motion
 
     def wait(self, timeout_s: float = 0.0) -> bool:
-        """Block until the last movj, relj, movl or retract has ended; True when it arrived.
-
-        True at once where the last motion is none of these. After `timeout_s` (of the robot's
-        time; 0: for ever) the motion is stopped and the answer is False.
-        """
+        """Block until the last movj, relj, movl or retract has ended; return whether it arrived.
+        True at once if the last motion is none of these. After `timeout_s` (of the robot's time; 0:
+        no limit) stop the motion and return False."""
         arrived: bool = self._ask("wait", timeout_s)
         return arrived
 
@@ -114,7 +112,7 @@ class CartesianArm(ABC):
         self._ask("stop")
 
     def tool(self, x: Target) -> None:
-        """Fix a link to the arm's own TCP, in place of the one before; zeros take it off."""
+        """Fix a link to the arm's own TCP in place of the one before; zeros remove it."""
         self._ask("tool", x)
 
     def act(self, code: Action | int | str) -> None:
@@ -124,25 +122,25 @@ class CartesianArm(ABC):
     # -- streams ---------------------------------------------------------------------------------
 
     def pose(self, x: Target, *, owner: str = "", sequence: int | None = None) -> str:
-        """Go to the pose `x` now. Returns why not, or ""."""
+        """Go to the pose `x` now. Return why not, or ""."""
         return self._stream("pose", x, owner, sequence)
 
     def jog(self, dx: Target, *, owner: str = "", sequence: int | None = None) -> str:
-        """Move the pose that is gone to by `dx`. Returns why not, or ""."""
+        """Move the target pose by `dx`. Return why not, or ""."""
         return self._stream("jog", dx, owner, sequence)
 
     def twist(self, xdot: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
-        """Move with the twist `xdot` now. Returns why not, or ""."""
+        """Move with the twist `xdot` now. Return why not, or ""."""
         return self._stream("twist", xdot, owner, sequence)
 
     def wrench(self, w: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
-        """Exert the wrench `w` now. Returns why not, or ""."""
+        """Exert the wrench `w` now. Return why not, or ""."""
         return self._stream("wrench", w, owner, sequence)
 
     def joints(
         self, rates: Sequence[float], *, owner: str = "", sequence: int | None = None
     ) -> str:
-        """Move the joints at `rates` (rad/s or m/s) now. Returns why not, or ""."""
+        """Move the joints at `rates` (rad/s or m/s) now. Return why not, or ""."""
         return self._stream("joints", rates, owner, sequence)
 
     def _stream(self, verb: str, value: Any, owner: str, sequence: int | None) -> str:
@@ -155,25 +153,22 @@ class CartesianArm(ABC):
     # -- authority -------------------------------------------------------------------------------
 
     def acknowledge(self) -> None:
-        """Confirm, after implausible measured joints, or a recovery that did not bring the command
-        to its robot, that the arm may move again. Raises MotionRefusedError while too early."""
+        """Confirm that the arm may move again, after implausible measured joints or a recovery that
+        did not bring the command to its robot. Raises MotionRefusedError while it is too early."""
         self._ask("acknowledge")
 
     def acquire(self, owner: str = "") -> None:
-        """Take the authority for the stream `owner`, or, without a name, for ourselves, or renew
-        it; nothing moves by that. Raises MotionRefusedError where another source has it.
-        """
+        """Take or renew the authority for the stream `owner`, or, without a name, for this client,
+        without moving anything. Raises MotionRefusedError if another source has it."""
         self._ask("acquire", source=owner)
 
     def hand_over(self, to: str) -> None:
-        """Pass the authority over the arm to the source `to`: "hand", or a stream's owner.
-
-        Raises MotionRefusedError where it is not ours.
-        """
+        """Pass the authority over the arm to the source `to`: "hand", or a stream's owner. Raises
+        MotionRefusedError if this client has none."""
         self._ask("hand_over", to)
 
     def release(self, owner: str = "") -> None:
-        """Give up the authority of the stream `owner`, or, without a name, our own."""
+        """Give up the authority of the stream `owner`, or, without a name, of this client."""
         self._ask("release", source=owner)
 
     # -- parameters and status -------------------------------------------------------------------
@@ -193,10 +188,10 @@ class CartesianArm(ABC):
         self.set_parameters({key: value})
 
     def set_parameters(self, values: Mapping[Key, Value]) -> None:
-        """Set all of `values`, or none where one is refused."""
+        """Set all of `values`, or none if one is refused."""
         self._ask("set_parameters", values)
 
     def status(self) -> ControllerStatus:
-        """Flags and numbers of now."""
+        """Return the present flags and numbers."""
         status: ControllerStatus = self._ask("status")
         return status

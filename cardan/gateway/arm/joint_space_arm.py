@@ -1,4 +1,4 @@
-"""The commanded arm whose model is known: every joint moves inside its own limits."""
+"""The commanded arm with a known model: every joint moves inside its own limits."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ PREFERRED = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
 """Commands by preference: joint positions do not depend on the kinematics of other controllers."""
 
 APPROACH_SHARE = 0.1
-"""Share of the joints' speed limits, at most, with which commanded joints are brought back to
+"""Largest share of the joints' speed limits with which commanded joints are brought back to
 measured ones: no operator steers that motion."""
 
 CORRECTION_SHARE = 0.2
@@ -65,13 +65,17 @@ be wrong; with joint commands, workspace, obstacles and figures would be."""
 TCP_TOLERANCE_RAD = 0.02
 
 AT_LIMIT_RAD = 0.02
-"""Distance to the end of a joint's range (rad, or m) within which it is said to end a motion."""
+"""Distance to the end of a joint's range (rad, or m) within which the joint is reported to end a
+motion."""
 
 AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""
 
 _new = tuple.__new__
-"""Makes a named tuple in half the time of its constructor, for those of every cycle."""
+"""Constructor of the named tuples of every cycle, in half the usual time."""
+
+_JOINT = CommandKind.JOINT
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
 
 
 class JointSpaceArm(CommandedArm):
@@ -89,11 +93,11 @@ class JointSpaceArm(CommandedArm):
         tcp_tolerance_m: float | None = None,
         neighbors: Sequence[NeighborBodies] = (),
     ) -> None:
-        """`kinds` are the commands that the robot takes, at least one of PREFERRED; `lag_s` is how
-        far it may be behind them in good order. `sent_as`: the kinematics whose TCP the robot's
-        own controller knows, where that is not the servo's. `tcp_tolerance_m`: most that the
-        robot's TCP may differ from the model's; None: by the kind of command. `neighbors`: other
-        arms, whose bodies are the movers of the servo's collision model, in this order.
+        """`kinds` are the commands that the robot takes, at least one of PREFERRED; `lag_s` is its
+        normal delay behind them. `sent_as`: the kinematics with the TCP of the robot's own
+        controller, if that is not the servo's. `tcp_tolerance_m`: most that the robot's TCP may
+        differ from the model's; None: by the kind of command. `neighbors`: other arms, whose bodies
+        are the movers of the servo's collision model, in this order.
         """
         self.servo = servo
         self.kind = next((kind for kind in PREFERRED if kind in kinds), None)
@@ -147,8 +151,8 @@ class JointSpaceArm(CommandedArm):
         return self.servo.status()
 
     def keep_sent_as(self, kinematics: Kinematics) -> None:
-        """Send poses by the tool of `kinematics`, which this owns from now on, whatever tool
-        the servo gets: the robot's controller knows only that one."""
+        """Send poses by the tool of `kinematics`, which this owns from now on, whatever tool the
+        servo gets: the robot's controller knows no other."""
         self._sent_as = kinematics
 
     def output_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
@@ -171,8 +175,7 @@ class JointSpaceArm(CommandedArm):
         self.servo.move(first, frames, ways_m)
 
     def neighbor_frames(self) -> list[SE3]:
-        """Where the neighbors' bodies were placed last, for any thread: the frame of each of their
-        shapes in the base."""
+        """Frames of the neighbors' shapes in the base, as placed last, for any thread."""
         return list(itertools.chain.from_iterable(self._placed))
 
     # -- measured state --------------------------------------------------------------------------
@@ -188,7 +191,7 @@ class JointSpaceArm(CommandedArm):
         return ""
 
     def _misfit(self, state: RobotState, reported: Pose) -> str:
-        """Why the robot's own TCP contradicts its joints by the model."""
+        """Return how the robot's own TCP contradicts its joints by the model; else empty."""
         if self._sent_as is self.servo.kinematics:
             model = self.servo.pose_at(state.joints)
         else:
@@ -331,9 +334,9 @@ class JointSpaceArm(CommandedArm):
             servo.record_command(state.stamp_s)
         # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
-        if self.kind is CommandKind.JOINT:
+        if self.kind is _JOINT:
             positions, speeds = tuple(servo.q.tolist()), tuple(v.tolist())
-            return _new(JointCommand, (positions, speeds, (), CommandKind.JOINT))
+            return _new(JointCommand, (positions, speeds, (), _JOINT))
         if self.kind is CommandKind.JOINT_VELOCITY:
             v = self._velocities(None if blind else state, v, dt_s, approaching)
             return JointVelocityCommand(tuple(v.tolist()))

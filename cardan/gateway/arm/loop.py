@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 
 class Cycle(NamedTuple):
-    """A control instant, after its command has left."""
+    """A control instant whose command has been sent."""
 
     robot: RobotState
     device: DeviceState | None
@@ -35,7 +35,7 @@ class Cycle(NamedTuple):
 
 
 class ArmLoop:
-    """Joins a robot, its controller and an operator device, where there is one."""
+    """Joins a robot, its controller and, if there is one, an operator device."""
 
     def __init__(
         self, robot: RobotDriver, controller: ArmController, device: OperatorDevice | None = None
@@ -43,14 +43,12 @@ class ArmLoop:
         """The caller opens and closes them."""
         self.robot, self.controller, self.device = robot, controller, device
         self._problem = ""
-        """How the device's driver failed last."""
+        """The last failure of the device's driver."""
         self._calls = RobotCalls(robot)
 
     def cycles(self) -> Iterator[Cycle]:
         """Answer each of the robot's states, then yield it: work in the loop's body delays only the
-        next command.
-
-        Raises DriverError where the robot's driver fails.
+        next command. Raises DriverError if the robot's driver fails.
         """
         controller, device, calls = self.controller, self.device, self._calls
         tick, send = controller.tick, self.robot.send
@@ -82,7 +80,8 @@ class ArmLoop:
                 yield state
 
     def _failed(self, problem: str, error: BaseException | None = None) -> DeviceState:
-        """The state of a device whose driver breaks its contract: it is lost, not the session."""
+        """Return the state of a device whose driver breaks its contract: a lost device; the session
+        goes on."""
         if problem != self._problem:
             self._problem = problem
             _log.warning("%s failed: %s", type(self.device).__name__, problem)

@@ -1,4 +1,4 @@
-"""Connects threads with the loop of an arm: its ticks, work for it to do, and its end."""
+"""Link between threads and the loop of an arm: its ticks, work for it to do, and its end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.errors import DriverError, MotionLoopError
 
 NOT_OPEN = "the arm is not open"
-"""Why nothing can be asked of it."""
+"""Reason for refusing requests to it."""
 
 POLL_S = 0.05
 """Longest time between two checks of whether the loop still runs."""
@@ -31,13 +31,13 @@ class LoopLink:
     # -- for the loop ----------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """The loop runs from now on."""
+        """Mark the loop as running."""
         self._errands.clear()
         self._why_not = ""
         give_up_in_children(self)
 
     def attend(self) -> None:
-        """Run the errands and wake waiting threads; cheap where none waits."""
+        """Run the errands and wake waiting threads; cheap if there are none."""
         while self._errands:
             errand, answer = self._errands.popleft()
             try:
@@ -51,7 +51,7 @@ class LoopLink:
                 self._ticked.notify_all()
 
     def end(self, why: str) -> None:
-        """The loop runs no more, for this reason."""
+        """Mark the loop as ended, for this reason."""
         self._why_not = why
         while self._errands:
             self._errands.popleft()[1].append(DriverError("the loop has ended"))
@@ -59,7 +59,7 @@ class LoopLink:
             self._ticked.notify_all()
 
     def after_fork(self) -> None:
-        """In a forked child there is no loop; the parent's goes on."""
+        """Mark the loop as absent in a forked child; the parent's goes on."""
         if not self._why_not:
             self._why_not = f"the arm is not open in this process: {IN_CHILD}"
         self._ticked, self._listeners = threading.Condition(), 0
@@ -73,16 +73,16 @@ class LoopLink:
         return not self._why_not
 
     def require(self) -> None:
-        """Raise MotionLoopError where the loop does not run."""
+        """Raise MotionLoopError unless the loop runs."""
         if self._why_not:
             raise MotionLoopError(self._why_not)
 
     def wait(self, timeout_s: float = POLL_S) -> None:
-        """Until the next tick, or the time is over."""
+        """Wait until the next tick, or until the time is over."""
         self.wait_for(None, timeout_s)
 
     def wait_for(self, done: Callable[[], bool] | None, timeout_s: float) -> None:
-        """Until `done` after a tick, or the time is over."""
+        """Wait until `done` is true after a tick, or until the time is over."""
         with self._ticked:
             self._listeners += 1
             try:

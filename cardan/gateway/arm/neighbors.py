@@ -1,13 +1,13 @@
-"""Another arm beside this one that moves by itself: its bodies, and its known state.
+"""A neighboring arm that moves by itself: its bodies, and its known state.
 
 No I/O: time comes in as an argument. Monotonic time of this computer in s, times since the epoch,
 which messages have in their stamps, in ns.
 
-A neighbor is where its newest joint states have it, and by now may be elsewhere. So each of its
-bodies is kept farther away than an obstacle at rest, by the way that it may go until this arm moves
-next, and by that in which it stops: u·t + u²/(2·a). Of a body, u is the speed of its fastest point,
-and a·t that it may gain; t is the age of the state and a cycle; a is the deceleration that a servo
-expects of bodies that close in. So even one at rest is kept away some mm more than an obstacle.
+A neighbor may have moved since its newest joint states. Each of its bodies is therefore kept
+farther away than an obstacle at rest, by the distance that it may move until this arm moves next,
+and by its braking distance: u·t + u²/(2·a). u is the speed of the body's fastest point, plus the
+a·t that it may gain; t is the age of the state and a cycle; a is the deceleration that a servo
+expects of approaching bodies. Even a body at rest is kept some mm farther away than an obstacle.
 """
 
 from __future__ import annotations
@@ -29,17 +29,18 @@ from cardan.types import IDENTITY_POSE, NEVER_S, Pose
 NS = 1_000_000_000
 
 CLOCKS_S = 0.01
-"""The clocks of two computers may differ by so much: every state counts as older by that, and one
-from farther ahead is rejected. NTP keeps them nearer on one network."""
+"""Largest difference between the clocks of two computers: every state counts as older by that, and
+one from farther ahead is rejected. NTP keeps them nearer on one network."""
 
 OUTSIDE_RANGE = 0.1
-"""A joint farther outside its range than this, rad or m, is another joint's, or in other units."""
+"""Largest distance of a joint outside its range, rad or m: beyond, the value is another joint's, or
+in other units."""
 
 FASTEST = 1e3
-"""rad/s or m/s."""
+"""Largest plausible joint speed, rad/s or m/s."""
 
 FARTHEST_M = 1e3
-"""Nothing is kept farther away."""
+"""Largest distance at which a body is kept away."""
 
 
 class NeighborBodies:
@@ -55,17 +56,17 @@ class NeighborBodies:
         one_robot: bool = False,
     ) -> None:
         """`base`: the neighbor's base in this arm's. `acceleration_share`: share of its joints'
-        accelerations that it may use. `one_robot`: they are arms of one robot, and bodies that do
-        not move with the neighbor's joints are this arm's already.
+        accelerations that it may use. `one_robot`: both are arms of one robot, and bodies that do
+        not move with the neighbor's joints already belong to this arm.
         """
         self.name, self.model = name, model
         self._kinematics = arm = ArmKinematics(model)
         self.names = model.joint_names
         shapes = [each for each in model.shapes if each.body > 0 or not one_robot]
         self.shapes = tuple(each._replace(name=self.label(each.name)) for each in shapes)
-        """Each in the frame of its body."""
+        """Shapes of its bodies, each in the frame of its body."""
         self.base = base
-        """The neighbor's, in this arm's."""
+        """Pose of the neighbor's base in this arm's base frame."""
         self._base = to_se3(base)
         self._reach = reach_of(model, self.shapes)
         self._moves = (self._reach > 0.0).any(axis=0)
@@ -82,11 +83,11 @@ class NeighborBodies:
         self.velocity, self.continuous = arm.velocity, arm.continuous
 
     def label(self, shape: str) -> str:
-        """Name of a body of its model for messages."""
+        """Return the name of a body of its model for messages."""
         return f"{self.name}'s {shape}"
 
     def frames(self, joints: Sequence[float]) -> list[SE3]:
-        """The frame of the body of each of `shapes`, in this arm's base."""
+        """Return the frame of the body of each of `shapes`, in this arm's base."""
         self._kinematics.update(np.array(joints))
         placed = self._kinematics._data.oMi
         bodies = [self._base * placed[body] for body in range(len(joints) + 1)]
@@ -94,7 +95,7 @@ class NeighborBodies:
 
     @property
     def fastest_m_s(self) -> FloatArray:
-        """No point of each of `shapes` is ever faster."""
+        """Upper bound of the speed of any point of each of `shapes`."""
         fastest: FloatArray = self.velocity.dot(self._reach)
         return fastest
 
@@ -115,7 +116,8 @@ class NeighborBodies:
         return found
 
     def ways_m(self, speeds_m_s: FloatArray, time_s: float) -> list[float]:
-        """How far each of `shapes` may go in `time_s` at its speed, and until it stops then."""
+        """Return the distance that each of `shapes` may move in `time_s` at its speed, plus its
+        braking distance."""
         deceleration_m_s2 = self._deceleration_m_s2
         speeds = speeds_m_s + self.gained_m_s(time_s)
         way = speeds * time_s + speeds * speeds / (2.0 * deceleration_m_s2)
@@ -127,26 +129,26 @@ class NeighborWatch:
     """Plausibility check of a neighbor's joint states, with their speeds and ages."""
 
     def __init__(self, bodies: NeighborBodies, topic: str, max_age_s: float) -> None:
-        """`max_age_s`: of a state that is older this arm must not be moved."""
+        """`max_age_s`: with an older state this arm must not be moved."""
         self.bodies, self._max_age_s = bodies, max_age_s
         self._who, self.topic = f"the neighbor {bodies.name}", topic
         self._names = bodies.names
         self._order: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
         self.joints: tuple[float, ...] = bodies.model.home
-        """Those of the newest state; home before the first."""
+        """Joints of the newest state; home before the first."""
         self.speeds_m_s = bodies.fastest_m_s
-        """Speeds of its bodies; as fast as they can be where a single state is known."""
+        """Speeds of its bodies; their upper bounds while only a single state is known."""
         self.refused: Counter[str] = Counter()
         """Counts of rejected messages, by the reason."""
         self._problem = ""
-        """Why the newest message was rejected; empty where it was not."""
+        """Reason for rejecting the newest message; empty if it was accepted."""
         self._stamp_ns = 0
         self._state_s = self._second_s = NEVER_S
         self._sender = b""
         """Sender of the newest state."""
 
     def age_s(self, now_s: float) -> float:
-        """Age of what is known, at most; infinite before the first state."""
+        """Largest possible age of the known state; infinite before the first one."""
         return now_s - self._state_s
 
     def refuse(self, reason: str, details: str = "") -> None:
@@ -164,11 +166,9 @@ class NeighborWatch:
         now_ns: int,
         sender: bytes = b"",
     ) -> None:
-        """Joint states of the neighbor, of further joints, too; `velocities` may be empty.
-
-        `sender`: their publisher; empty if unknown. Of two at a time it is not known which is
-        the neighbor.
-        """
+        """Take the neighbor's joint states, which may include further joints; `velocities` may be
+        empty. `sender`: their publisher; empty if unknown. With two publishers at a time both are
+        rejected."""
         found = self._order_of(tuple(names))
         if found is None:
             return
@@ -221,7 +221,7 @@ class NeighborWatch:
             if velocities:
                 self.speeds_m_s = np.maximum(self.speeds_m_s, bodies.speeds_m_s(joints, reported))
             else:
-                # That was the speed halfway between the two states.
+                # This is the speed halfway between the two states.
                 self.speeds_m_s += bodies.gained_m_s(0.5 * since_s)
         else:
             self.speeds_m_s = bodies.fastest_m_s
@@ -230,7 +230,7 @@ class NeighborWatch:
         self._state_s = now_s - max(0.0, late_s) - CLOCKS_S
 
     def _order_of(self, names: tuple[str, ...]) -> tuple[int, ...] | None:
-        """Where its joints are in `names`; None: refused."""
+        """Return the places of its joints in `names`; None: refused."""
         if names == self._order[0]:
             return self._order[1]
         missing = [each for each in self._names if each not in names]
@@ -247,7 +247,7 @@ class NeighborWatch:
         return self._order[1]
 
     def fault(self, now_s: float) -> str:
-        """Why this arm must not be moved, with advice; empty while the neighbor is known."""
+        """Return why this arm must not be moved, with advice; empty while the neighbor is known."""
         age_s = self.age_s(now_s)
         if age_s <= self._max_age_s:
             if now_s - self._second_s > self._max_age_s:

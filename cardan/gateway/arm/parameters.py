@@ -94,10 +94,8 @@ _BY_NAME = {rule.name: rule for rule in RULES}
 
 
 def find_rule(key: Key) -> ParameterRule:
-    """The parameter with this code (integer or its characters) or name.
-
-    Raises ConfigurationError that lists all parameters.
-    """
+    """Return the parameter with this code (integer or its characters) or name. Raises
+    ConfigurationError that lists all parameters."""
     if isinstance(key, str) and key in _BY_NAME:
         return _BY_NAME[key]
     try:
@@ -110,7 +108,7 @@ def find_rule(key: Key) -> ParameterRule:
 
 
 def checked_value(rule: ParameterRule, value: Value) -> float:
-    """`value` as the double that travels. Raises OptionError where it is not accepted."""
+    """Return `value` as the transmitted double. Raises OptionError if it is not accepted."""
     accepted = rule.accepted
     if isinstance(accepted, Range):
         plain: Any = getattr(value, "item", None)  # Numbers of numpy's have it.
@@ -126,10 +124,8 @@ def checked_value(rule: ParameterRule, value: Value) -> float:
 
 
 def checked_group(values: Mapping[Key, Value]) -> dict[Parameter, float]:
-    """All of `values`, checked before any is used.
-
-    Raises ConfigurationError for the first wrong one, and where two keys mean one parameter.
-    """
+    """Check all of `values` before any is used. Raises ConfigurationError for the first wrong one,
+    or if two keys mean one parameter."""
     found: dict[Parameter, float] = {}
     for key, value in values.items():
         rule = find_rule(key)
@@ -140,10 +136,10 @@ def checked_group(values: Mapping[Key, Value]) -> dict[Parameter, float]:
 
 
 def feedback_gain_1_s(gain: float, period_ms: float) -> float:
-    """Gain from position error to velocity, from cpcg and cpcp, 1/s."""
+    """Return the gain from position error to velocity, from cpcg and cpcp, 1/s."""
     return gain * 1000.0 / period_ms
 
 
 def defaults() -> dict[Parameter, float]:
-    """Every parameter at its default."""
+    """Return every parameter at its default."""
     return {rule.key: float(rule.default) for rule in RULES}

@@ -36,8 +36,8 @@ STOP_TIMEOUT_S = 2.0
 """Longest time for `stop` and `release`, which are done at once."""
 
 EARLY_NOTES = 64
-"""Notes of ended motions that are kept while replies are due: on a network a motion's end may be
-told before the reply that says that it has begun."""
+"""Most notes of ended motions that are kept while replies are due: on a network a motion's end may
+arrive before the reply about its beginning."""
 
 Send = Callable[[Request, bytes], None]
 """Sends a request, encoded as the packet. Raises OSError where it cannot be sent."""
@@ -46,7 +46,7 @@ _TIMEOUTS_S = {"wait": None, "stop": STOP_TIMEOUT_S, "release": STOP_TIMEOUT_S}
 
 
 class _Pending:
-    """A request without its reply yet."""
+    """A request that waits for its reply."""
 
     def __init__(self, verb: str) -> None:
         self.verb = verb
@@ -56,8 +56,8 @@ class _Pending:
 
 
 class RemoteArm(CartesianArm):
-    """An arm that is asked by packets (:mod:`cardan.gateway.arm.requests`). A Motion is updated
-    without being asked.
+    """Client of an arm by packets (:mod:`cardan.gateway.arm.requests`). Motions are updated as
+    notes arrive.
 
     :func:`cardan.gateway.session.remote.session_arm` makes one of a session in a process of its
     own, :func:`cardan.gateway.daemon.client.daemon_arm` of one that the daemon runs, and
@@ -68,7 +68,7 @@ class RemoteArm(CartesianArm):
         self, connect: Callable[[RemoteArm], Callable[[], None]], source: str = VERBS
     ) -> None:
         """`connect` connects the arm: it calls `begin`, then in any thread `take`, `fail` and
-        `end`, and returns what disconnects it again. `source`: name of this source, which gets the
+        `end`, and returns what disconnects it again. `source`: name of this client, which gets the
         authority. Raises ConfigurationError."""
         if source == OPERATOR or not 0 < len(source) <= LONGEST_NAME:
             allowed = f"a name, 1 to {LONGEST_NAME} characters, other than {OPERATOR!r}, the device"
@@ -84,10 +84,10 @@ class RemoteArm(CartesianArm):
         self._early: dict[int, MotionNote] = {}
         self._ended = NOT_OPEN
         self._rests = True
-        """Whether the arm is at rest once it has ended."""
+        """True if the arm is at rest after the end of its session."""
 
     def open(self) -> None:
-        """Connect; opening twice is fine. Raises what connecting raises."""
+        """Connect; opening twice is fine. Raises the errors of the connection."""
         if self._disconnect is not None:
             return
         give_up_in_children(self)
@@ -105,29 +105,29 @@ class RemoteArm(CartesianArm):
             self._ended, self._rests = NOT_OPEN, True
 
     def after_fork(self) -> None:
-        """In a forked child the connection stays the parent's: `close` leaves it alone there, and
-        all verbs are errors."""
+        """Leave the connection to the parent in a forked child: `close` does not touch it there,
+        and all verbs are errors."""
         self._disconnect, self._lock = None, threading.Lock()
         self.end(f"the arm is not open in this process: {IN_CHILD}", rests=False)
 
     # -- for the connection ----------------------------------------------------------------------
 
     def begin(self, send: Send) -> None:
-        """Packets can be sent from now on, by `send`."""
+        """Mark the connection as ready: `send` sends packets."""
         self._send = send
         self._ended, self._rests = "", True
         self._early.clear()
 
     def take(self, packet: bytes) -> bool:
-        """Handle a packet that has come; False: it is no answer. Raises PacketError for one that is
-        broken."""
+        """Handle a received packet; return False if it is no answer. Raises PacketError for a
+        malformed one."""
         answer = decode_answer(packet)
         if answer is not None:
             self._take_answer(answer)
         return answer is not None
 
     def fail(self, number: int | None, reason: str) -> None:
-        """The request with the id `number` gets no reply."""
+        """End the request with the id `number`, which gets no reply."""
         self._take_answer(Reply(number, None, MotionLoopError(reason)))
 
     def _take_answer(self, answer: Reply | MotionNote) -> None:
@@ -140,8 +140,8 @@ class RemoteArm(CartesianArm):
                 self._answer(self._pending.pop(answer.id), answer)
 
     def end(self, reason: str, *, rests: bool = True) -> None:
-        """End all requests and motions: nothing more comes. `rests`: whether the arm does; else
-        `stop` is an error from now on."""
+        """End all requests and motions after the end of the connection. `rests`: the arm is at
+        rest; else `stop` is an error from now on."""
         with self._lock:
             if self._ended:
                 return
@@ -172,7 +172,7 @@ class RemoteArm(CartesianArm):
         try:
             self._send(request, packet)
         except OSError as error:
-            # The reader sees the end for itself, and says why.
+            # The reader finds the end, and reports why.
             if isinstance(error, BlockingIOError) or not pending.done.wait(STOP_TIMEOUT_S):
                 self._forget(request.id)
                 raise MotionLoopError(f"the session takes no requests: {error.strerror}") from None
@@ -201,8 +201,8 @@ class RemoteArm(CartesianArm):
         pending.done.set()
 
     def _note(self, note: MotionNote) -> None:
-        """Update the motion that a note is about; it may be another program's, or of a reply that
-        is still on its way."""
+        """Update the motion that a note is about; it may be that of another client, or of a reply
+        that has not arrived yet."""
         if note.id in self._motions:
             self._update(note)
         elif self._pending:

@@ -1,4 +1,4 @@
-"""Requests of programs as a record has them: :mod:`cardan.recording.replay_requests` repeats them.
+"""Recorded requests of programs: :mod:`cardan.recording.replay_requests` repeats them.
 
 A record has the requests that act on the arm, at the moment of their effect, between its ticks:
 work before that (inverse kinematics, checks) is not repeated.
@@ -15,12 +15,12 @@ class CommandHeader(NamedTuple):
     """Sender, number and times of a streamed command."""
 
     owner: str
-    """Empty: nameless."""
+    """Owner of the stream; empty: nameless."""
     sequence: int | None
     stamp_s: float | None
-    """By the sender's clock."""
+    """Time of sending by the sender's clock, s."""
     heard_s: float
-    """When it came, the robot's time."""
+    """Time of reception, robot's clock, s."""
 
 
 def _plain(value: Any) -> Any:
@@ -33,5 +33,5 @@ _encode = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
 
 
 def argument_text(*values: Any) -> str:
-    """The values of a request, which read back to the same bits."""
+    """Encode the values of a request as text that reads back to the same bits."""
     return _encode(values)

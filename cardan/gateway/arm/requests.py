@@ -3,11 +3,11 @@
 A request is ``{"id": 7, "source": "pendant", "verb": "movl", "value": [...]}``, for streams with an
 optional ``"sequence"``, ``"stamp"`` (when it was sent, s by the sender's clock), ``"begins"``
 (``"new"``, ``"going on"`` or ``"rest"``: see :class:`Begins`) and, of a twist or a wrench, its
-``"frame"``. Its reply is ``{"reply": 7, "result": ...}`` or ``{"reply": 7, "error":
-{"kind": ..., "message": ..., ...}}``; the states of a motion follow as ``{"motion": ...}``. Where a
-packet may overtake another, a reply has the ends of motions before it, too: ``"ended": [...]``. A
-packet that is no request is answered, too, with the `id` that it has, or null. Nothing here opens
-anything, and no bytes raise anything but :class:`PacketError`.
+``"frame"``. Its reply is ``{"reply": 7, "result": ...}`` or ``{"reply": 7, "error": {"kind": ...,
+"message": ..., ...}}``; the states of a motion follow as ``{"motion": ...}``. If packets may
+overtake each other, a reply also lists the motions that ended before it: ``"ended": [...]``. A
+malformed request is answered, too, with its `id`, or null. No I/O; malformed bytes raise
+:class:`PacketError` only.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MAX_REQUEST_BYTES = 4096
 """Largest size of a request: the longest, all parameters at once, has a quarter of it."""
 
 CANCELED = "it was canceled before it began"
-"""Why a motion was not begun that is not `wanted` any more."""
+"""Reason for not beginning a motion that is no longer `wanted`."""
 
 
 class PacketError(CardanError):
@@ -60,20 +60,21 @@ class Request(NamedTuple):
     source: str
     verb: str
     value: Any = None
-    """The verb's argument, where it has one."""
+    """The verb's argument, if it has one."""
     sequence: int | None = None
     there: Callable[[], bool] | None = None
-    """Whether its client is still there, without which a motion without end ends; None: that is
-    watched otherwise."""
+    """Return whether the client is still connected; without it a motion without end is ended. None:
+    checked elsewhere."""
     stamp_s: float | None = None
     """Stamp of a streamed command: when it was sent, by the sender's clock."""
     begins: Begins | None = None
-    """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
+    """For a streamed command: whether it chooses its own preset if none is chosen; None: never."""
     wanted: Callable[[], bool] | None = None
-    """Whether it is still to begin; a request canceled before its turn is not. None: always."""
+    """Return whether the request is still to begin; one canceled before its turn is not. None:
+    always."""
     since_s: float | None = None
-    """Local monotonic time: it can have waited since then until it came to the session; None: since
-    the session looked before, at most."""
+    """Earliest local monotonic time since when it may have waited for the session; None: since the
+    session's previous check."""
 
 
 class MotionNote(NamedTuple):
@@ -90,7 +91,7 @@ class MotionNote(NamedTuple):
     duration_s: float
 
     def update(self, motion: Motion) -> None:
-        """Bring `motion`, which stands for it here, to the same state."""
+        """Update the local `motion` to this state."""
         motion.outcome, motion.reason, motion.note = self.outcome, self.reason, self.note
         motion.duration_s = self.duration_s
 
@@ -102,15 +103,15 @@ class Reply(NamedTuple):
     result: Any
     error: CardanError | None
     ended: tuple[MotionNote, ...] = ()
-    """Motions that had ended before."""
+    """Motions that ended before this reply."""
 
 
 LATE_S = 1.0
-"""Longest time for which a process may have stood still, or may have been starting, when it finds a
-request to begin a motion: its client may have given up, or be gone, since."""
+"""Longest pause or start-up of a process after which it still accepts a request to begin a motion:
+after more, the client may have given up or disconnected."""
 
 FRAMED: Mapping[str, Callable[[Vector3, Vector3, Frame], Any]] = {"twist": Twist, "wrench": Wrench}
-"""Verbs whose numbers may have a frame of their own."""
+"""Verbs whose values may have a frame of their own."""
 
 _BEGINS = {begins.name.lower().replace("_", " "): begins for begins in Begins}
 _BEGINS_WORDS = {begins: word for word, begins in _BEGINS.items()}
@@ -121,7 +122,7 @@ _FRAMES = {"twist": tuple(Frame), "wrench": (Frame.BASE, Frame.TOOL)}
 
 
 def encode_request(request: Request) -> bytes:
-    """As one packet. Raises the verb's error for an argument that it does not take."""
+    """Encode as one packet. Raises the verb's error for an invalid argument."""
     takes = VERB_TABLE[request.verb].takes
     checked_source(request.verb, request.source)
     table: dict[str, Any] = {"id": request.id, "source": request.source, "verb": request.verb}
@@ -143,7 +144,7 @@ def encode_request(request: Request) -> bytes:
 
 
 def decode_request(packet: bytes) -> Request:
-    """From one packet. Raises PacketError."""
+    """Decode from one packet. Raises PacketError."""
     if len(packet) > MAX_REQUEST_BYTES:
         raise PacketError(f"a request has at most {MAX_REQUEST_BYTES} bytes")
     table = _unpacked(packet)
@@ -230,19 +231,19 @@ _FIELDS: dict[type[CardanError], tuple[str, ...]] = {
     PacketError: (),
     CardanError: (),
 }
-"""The errors that are encoded by name, and their fields; others are sent as their nearest base."""
+"""Errors that are encoded by name, with their fields; others are sent as their nearest base."""
 
 _KINDS = {kind.__name__: kind for kind in _FIELDS}
 
 
 def encode_reply(number: int | None, result: Any, ended: Sequence[MotionNote] = ()) -> bytes:
-    """That a request was carried out; `result` is the verb's result, a motion as its note; `ended`:
-    motions that had ended before."""
+    """Encode the reply to a request that was carried out. `result` is the verb's result, a motion
+    as its note; `ended`: motions that ended before."""
     return _packed({"reply": number, "result": to_json(result), **_ended(ended)})
 
 
 def encode_error(number: int | None, error: CardanError, ended: Sequence[MotionNote] = ()) -> bytes:
-    """That a request was refused, and why."""
+    """Encode the reply to a request that was refused, with the reason."""
     kind = next(each for each in type(error).__mro__ if each in _FIELDS)
     table = {"kind": kind.__name__, "message": str(error)}
     table |= {name: to_json(getattr(error, name)) for name in _FIELDS[kind]}
@@ -254,25 +255,25 @@ def _ended(notes: Sequence[MotionNote]) -> dict[str, Any]:
 
 
 def encode_note(note: MotionNote) -> bytes:
-    """State of a motion."""
+    """Encode the state of a motion."""
     return _packed({"motion": to_json(note)})
 
 
 _ANSWERS = b'{"reply":', b'{"motion":'
 
 _BROKEN = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
-"""Errors that a reply with wrong values leads to. OverflowError: an integer that is too large for a
-float."""
+"""Errors from a reply with wrong values. OverflowError: an integer that is too large for a float.
+"""
 
 
 def is_answer(packet: bytes) -> bool:
-    """Whether a packet is a reply or a motion's note."""
+    """Return whether a packet is a reply or a motion's note."""
     return packet.startswith(_ANSWERS)
 
 
 def decode_answer(packet: bytes) -> Reply | MotionNote | None:
-    """A reply or a motion's note; None for any other packet, such as a snapshot. Raises PacketError
-    for a broken packet."""
+    """Decode a reply or a motion's note; None for any other packet, such as a snapshot. Raises
+    PacketError for a malformed packet."""
     if not is_answer(packet):
         return None
     table = _unpacked(packet)
@@ -313,7 +314,8 @@ def _error(table: Mapping[str, Any]) -> CardanError:
 
 
 def result_of(verb: str, result: Any) -> Any:
-    """The result of a reply as `verb` answers it; a motion as its note. Raises PacketError."""
+    """Convert the result of a reply to the result of `verb`; a motion as its note. Raises
+    PacketError."""
     try:
         if (decode := _RESULTS.get(VERB_TABLE[verb].answers)) is not None:
             return decode(result)

@@ -2,7 +2,7 @@
 
 That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.deadman`. The
 machines are independent: each reads its own state, an :class:`ArmEvent`, and a few :class:`Facts`.
-The controller asks them and acts on the answer; it assigns states in one place,
+The controller calls them and acts on the result; it assigns states in one place,
 `ArmController._enter`. Data of a state (reasons, the arm's motion, limits, counters) is the
 controller's.
 
@@ -24,28 +24,29 @@ from cardan.gateway.operator.input import MotionRequest
 
 
 class RobotReadiness(enum.Enum):
-    """Whether the robot can be commanded."""
+    """Readiness of the robot for commands."""
 
     ABSENT = "absent"
-    """It is silent, or would not act on commands; all motion is forgotten."""
+    """The robot is silent, or does not act on commands; all motion is forgotten."""
     BRAKING_BLIND = "braking blind"
-    """It is heard and not ready, and may still obey: a motion is braked in a ramp."""
+    """The robot sends states, is not ready, and may still obey: a motion is braked in a ramp."""
     READY = "ready"
-    """It acts on commands."""
+    """The robot acts on commands."""
 
     def __init__(self, value: str) -> None:
         self.ready = value == "ready"
 
 
 class Readings(enum.Enum):
-    """Whether the robot's measurements are plausible."""
+    """Plausibility of the robot's measurements."""
 
     ACCEPTED = "accepted"
-    """They are."""
+    """The measurements are plausible."""
     REJECTED = "rejected"
-    """It was measured where it cannot be; re-arming accepts the readings again."""
+    """The measured position is implausible; re-arming accepts the readings again."""
     REJECTED_ELSEWHERE = "rejected elsewhere"
-    """And it became ready elsewhere than commanded: re-arming places the command anew."""
+    """The robot also became ready away from its command: re-arming restarts the command from there.
+    """
 
     def __init__(self, value: str) -> None:
         self.rejected, self.elsewhere = value != "accepted", value == "rejected elsewhere"
@@ -65,7 +66,7 @@ class MotionState(enum.Enum):
     RESYNCHRONIZING = "resynchronizing"
     """The command is brought back to a robot that is not where it was commanded to be."""
     BRAKING = "braking"
-    """The motion that moved it was told to come to rest."""
+    """The motion is braking on request."""
 
     def __init__(self, value: str) -> None:
         self.commanded = value != "uncommanded"
@@ -73,16 +74,16 @@ class MotionState(enum.Enum):
 
 
 class Separation(enum.Enum):
-    """Whether command and robot are apart, and the recovery from it."""
+    """Separation of command and robot, and the recovery from it."""
 
     NONE = "none"
-    """They are not."""
+    """Command and robot are together."""
     TO_RESYNCHRONIZE = "to resynchronize"
-    """The command is to be brought back to its robot as soon as it rests."""
+    """The command is to be brought back to its robot as soon as the robot rests."""
     UNTIL_REARMED = "until re-armed"
-    """They stay apart until re-armed."""
+    """Command and robot stay separate until re-armed."""
     LEFT = "left"
-    """A button ended the resynchronization; none begins until motion is asked for."""
+    """A button ended the resynchronization; none begins until motion is requested."""
 
     def __init__(self, value: str) -> None:
         self.waits = value == "to resynchronize"
@@ -97,10 +98,10 @@ class Inhibit(enum.Enum):
     FOR_GOOD = "request_stop"
     """The motion under way brakes now, and no source moves the arm any more."""
     WHILE_SAID = "hold_off"
-    """From the next tick on no source may move the arm, until the reason is said to be ""."""
+    """No source may move the arm from the next tick on, until the reason is set to ""."""
     ONCE = "trip"
-    """The next tick disengages the source that moves the arm, as the watchdogs do; without effect
-    if none does by then. The first reason counts."""
+    """The next tick disengages the source that moves the arm, as the watchdogs do; no effect if
+    none does by then. The first reason counts."""
     MOTION_IGNORED = "suspend"
     """The operator's motion is ignored in the next tick; after it, teleoperation goes on."""
 
@@ -142,16 +143,16 @@ class ArmEvent(enum.Enum):
 
 
 class Facts(NamedTuple):
-    """Conditions of the next state, beside the state and the event."""
+    """Conditions for the next state, beside the state and the event."""
 
     device: bool = False
     """Whether the arm has an operator device."""
     moving: bool = False
     """Whether the arm is commanded to move."""
     near: bool = False
-    """Whether the command is so near its robot that nothing has to be brought back."""
+    """Whether the command is so near its robot that no recovery is needed."""
     resynchronizes: bool = False
-    """Whether commands are brought back to their robots, by the options."""
+    """True if the options enable bringing commands back to their robots."""
 
 
 class States(NamedTuple):
@@ -164,7 +165,7 @@ class States(NamedTuple):
     arming: Arming = Arming.DISARMED
 
     def after(self, event: ArmEvent, facts: Facts) -> States:
-        """The states once `event` has happened."""
+        """Return the states after `event`."""
         return self._replace(
             link=link_after(self.link, event, facts),
             readings=readings_after(self.readings, event, self),
@@ -175,7 +176,7 @@ class States(NamedTuple):
 
 
 def link_after(link: RobotReadiness, event: ArmEvent, facts: Facts) -> RobotReadiness:
-    """Whether the robot can be commanded, once `event` has happened."""
+    """Return the robot's readiness after `event`."""
     match event:
         case ArmEvent.READY:
             return RobotReadiness.READY
@@ -187,7 +188,7 @@ def link_after(link: RobotReadiness, event: ArmEvent, facts: Facts) -> RobotRead
 
 
 def readings_after(readings: Readings, event: ArmEvent, states: States) -> Readings:
-    """Whether readings are plausible, once `event` has happened in these `states`."""
+    """Return the plausibility of the readings after `event` in these `states`."""
     rejected = readings.rejected
     match event:
         case ArmEvent.PLACED | ArmEvent.PLAUSIBLE:
@@ -234,7 +235,7 @@ RESTING = (MotionState.UNCOMMANDED, MotionState.HOLDING)
 
 
 def separation_after(separation: Separation, event: ArmEvent, facts: Facts) -> Separation:
-    """Whether command and robot are apart, once `event` has happened."""
+    """Return the separation of command and robot after `event`."""
     match event:
         case ArmEvent.UNREADY | ArmEvent.PLACED if separation is not Separation.LEFT:
             return Separation.NONE

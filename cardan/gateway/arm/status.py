@@ -41,7 +41,7 @@ class ArmStatus(NamedTuple):
 
     phase: Phase
     message: str
-    """Why nothing moves and what to do about it; empty when all is well."""
+    """Reason why nothing moves, and what to do; empty when all is well."""
     target: Twist
     """Operator's request, along `target.frame`, after the filters."""
     twist: Twist
@@ -52,7 +52,7 @@ class ArmStatus(NamedTuple):
     at_workspace_limit: bool
     gripper_closed: bool
     trips: int
-    """How often a watchdog or fault disengaged the source that moved the arm."""
+    """Count of the trips: a watchdog or fault disengaged the source that moved the arm."""
     authority: AuthorityState
     filters: tuple[str, ...] = ()
     """Effects of the filters on the operator's motion; filters without effect are left out."""
@@ -60,7 +60,7 @@ class ArmStatus(NamedTuple):
     """Status of the servo, if there is an arm's model."""
 
     def limits(self) -> list[str]:
-        """Which of LIMITS act now."""
+        """Return those of LIMITS that act now."""
         found = [] if self.arm is None else self.arm.limits()
         if self.at_workspace_limit:
             found.append("workspace")

@@ -48,7 +48,8 @@ from cardan.spatial import (
 from cardan.types import NEVER_S, ZERO_TWIST, Frame, Pose, Twist, Vector3, Wrench
 
 CLOCK_SET_BACK_S = 1.0
-"""A sender's stamp that is older by more than any network delays is from a clock that was set."""
+"""Difference by which a stamp must be older than the one before for the sender's clock to count as
+set back: more than any network delay."""
 
 
 class _Link:
@@ -66,7 +67,7 @@ def _is_time(stamp_s: object) -> bool:
 
 
 class Streams:
-    """The streaming commands of one arm. Each answers with the reason why not, "" when taken."""
+    """The streaming commands of one arm. Each returns why it was refused, or ""."""
 
     def __init__(
         self, controller: ArmController, commanded: JointSpaceArm, plans: VerbPlans
@@ -74,17 +75,17 @@ class Streams:
         self._controller, self._commanded, self._plans = controller, commanded, plans
         self._link: _Link | None = None
         self._delays = Delays()
-        """Kept when a stream is chosen again: a queued command is no measure of its delay."""
+        """Kept when a stream is chosen again: a queued command would measure its delay wrongly."""
         self._ended = ""
         self._heard_s = NEVER_S
-        """When the newest command came, the robot's time."""
+        """Time of reception of the newest command, robot's clock."""
         self.silenced: str | None = None
-        """The owner of the last stream where it ended as nothing came, and nothing has happened
-        since; None otherwise."""
+        """Owner of the last stream if it ended by silence and nothing has happened since; None
+        otherwise."""
         self.late = 0
-        """Streamed commands that came late or twice."""
+        """Count of streamed commands that came late or twice."""
         self.scaled = 0
-        """Streamed twists that were faster than allowed and were slowed, direction kept."""
+        """Count of streamed twists that were too fast and were slowed, direction kept."""
 
     @property
     def kind(self) -> Stream:
@@ -98,14 +99,14 @@ class Streams:
 
     @property
     def age_s(self) -> float:
-        """Since the newest streamed command; infinite before the first."""
+        """Time since the newest streamed command, s; infinite before the first."""
         motion = self._controller.motion
         if self._link is None or self._link.owner is None or motion is None:
             return math.inf
         return self._controller.stamp_s - motion.heard_s
 
     def end(self, reason: str) -> bool:
-        """No streaming command is chosen any more; False when none was."""
+        """Choose no streaming command any more; return False if none was chosen."""
         if self._link is None:
             self.silenced = None
             return False
@@ -172,8 +173,8 @@ class Streams:
     # -- commands --------------------------------------------------------------------------------
 
     def hear(self, sender: CommandHeader) -> None:
-        """Learn from the stamp of a command, before it is accepted or refused: a command that
-        waited in a queue while its sender was refused is no measure of its delay."""
+        """Learn from the stamp of a command before it is accepted or refused: a command queued
+        while its sender was refused would measure its delay wrongly."""
         owner, _, stamp_s, heard_s = sender
         if isinstance(owner, str) and len(owner) <= LONGEST_NAME and _is_time(stamp_s):
             assert stamp_s is not None
@@ -193,11 +194,11 @@ class Streams:
         self._aim("pose", x, of, sender)
 
     def jog(self, dx: Target, sender: CommandHeader) -> None:
-        """Move the pose that is gone to by `dx` (m, rotation vector in rad).
+        """Move the target pose by `dx` (m, rotation vector in rad).
 
-        The deltas of a stream add up, so none is lost, however they are bunched. In base axes
-        p + d and exp(dr)·R, with the TCP frame H·X. Needs the stream command `pose`, follows the
-        parameter poseDamping, and is refused where the sum would run away from the arm.
+        The deltas of a stream add up, so none is lost. In base axes p + d and exp(dr)·R, with the
+        TCP frame H·X. Needs the stream command `pose`, follows the parameter poseDamping, and is
+        refused if the sum would run away from the arm.
         """
 
         def of(given: Pose, _now: Pose, before: Pose) -> Pose:
@@ -218,7 +219,8 @@ class Streams:
         of: Callable[[Pose, Pose, Pose], Pose],
         sender: CommandHeader,
     ) -> None:
-        """Aim the pose stream at `of` the given pose, the commanded one and the target before."""
+        """Aim the pose stream at the result of `of`, called with the given pose, the commanded pose
+        and the previous target."""
         controller, plans = self._controller, self._plans
         pose = checked_pose(verb, given)
         with controller.lock:
@@ -242,7 +244,7 @@ class Streams:
             self._aim_at(motion, target, sender)
 
     def aim(self, target: Pose, sender: CommandHeader) -> None:
-        """Go to a pose in the base that is checked already, as when a record is repeated."""
+        """Go to a pose in the base that is checked already, as in the replay of a record."""
         with self._controller.lock:
             motion = self._streaming(Stream.POSE, sender)
             assert isinstance(motion, FollowPoseStream)
@@ -264,8 +266,8 @@ class Streams:
             )
 
     def twist(self, xdot: Sequence[float] | Twist, sender: CommandHeader) -> None:
-        """Move with the twist `xdot` (m/s, rad/s) now. Too fast a one is slowed. A Twist is along
-        its own frame, numbers along that of the parameter referenceFrame."""
+        """Move with the twist `xdot` (m/s, rad/s) now. A twist that is too fast is slowed. A Twist
+        is along its own frame, numbers along that of the parameter referenceFrame."""
         frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
         if isinstance(xdot, Twist):
             frame, xdot = xdot.frame, (*xdot.linear, *xdot.angular)
@@ -295,7 +297,8 @@ class Streams:
             self._note_command(motion, sender)
 
     def joints(self, rates: Sequence[float], sender: CommandHeader) -> None:
-        """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
+        """Move the joints at `rates` (rad/s or m/s, one a joint) now. Speeds that are too high are
+        scaled down."""
         with self._controller.lock:
             count = self._commanded.servo.joints
             values = np.array(joint_numbers("joints", rates, count))
@@ -308,7 +311,7 @@ class Streams:
     # -- permission to stream --------------------------------------------------------------------
 
     def _streaming(self, kind: Stream, sender: CommandHeader) -> CommandedMotion:
-        """The motion of the stream, if this command may act on it."""
+        """Return the motion of the stream if this command may act on it."""
         owner, sequence, stamp_s, _ = sender
         controller = self._controller
         name, link, motion = vocab_text(kind), self._link, controller.motion
@@ -350,7 +353,7 @@ class Streams:
             )
 
     def _tell(self, name: str, *values: Any, sender: CommandHeader) -> None:
-        """Tell the controller's recorder of a command that is taken."""
+        """Report an accepted command to the controller's recorder."""
         controller = self._controller
         if controller.recorder is not None:
             controller.record_request(name, argument_text(*values, sender))

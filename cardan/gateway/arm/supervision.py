@@ -1,11 +1,8 @@
-"""Why an arm is stopped: everything that is watched, in one place.
-
-Once a tick, before any request, `look` judges the robot's reports: whether a command acts, whether
-the robot is where it was, whether it follows. The result is one :class:`StopReason`, the gravest;
-the controller acts on it in one place. The operator device is judged by its own source
-(:mod:`cardan.gateway.operator.input`), the streams by their silence limit. All by local monotonic
-time.
-"""
+"""Supervision of a robot: all checks that stop an arm. Once a tick, before any request, `look`
+checks the robot's reports: does it act on commands, did its position jump, does it follow? The
+result is one :class:`StopReason`, the gravest; the controller acts on it in one place. The operator
+device is judged by its own source (:mod:`cardan.gateway.operator.input`), the streams by their
+silence limit. All by local monotonic time."""
 
 from __future__ import annotations
 
@@ -34,7 +31,10 @@ JOINT_ERROR = bounds.Range(
     above=True,
 )
 TRUST_AFTER_S = 0.5
-"""How long readings must have been plausible before a confirmation accepts them again."""
+"""Time for which readings must have been plausible before a confirmation accepts them again."""
+
+_LIVE = RobotLink.LIVE
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,18 +45,19 @@ class Watchdogs(Options):
     device_age_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Oldest report that may still drive motion: six missed reports of a 62 Hz device."""
     stall_s: Annotated[float, bounds.BLIND_S] = field(default=0.1, metadata=CODE_ONLY)
-    """Longest time between two ticks: after more, the robot is no longer where it was left."""
+    """Longest time between two ticks: after more, the robot may have moved."""
     following_error_m: Annotated[float, bounds.MAX_LEAD_M] = 0.1
-    """Distance between reference and robot beyond which something else holds the arm."""
+    """Distance between reference and robot beyond which the arm counts as held by something else.
+    """
     following_error_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.6
     following_error_joint: Annotated[float, JOINT_ERROR] = field(default=0.5, metadata=CODE_ONLY)
-    """rad or m; between commanded and measured joints, where joints are commanded. At the full
-    speed of an arm's wrist a position loop lags by 0.3 rad."""
+    """Difference between commanded and measured joints if joints are commanded, rad or m. At the
+    full speed of an arm's wrist a position loop lags by 0.3 rad."""
     heartbeat_s: Annotated[float, bounds.BLIND_S] = field(default=0.5, metadata=CODE_ONLY)
     """Longest silence of the process that supervises a session."""
     recovery: bool = True
-    """Whether a command that lost its robot is brought back to it, slowly and within the maximum
-    lead."""
+    """Bring a command back to a robot that did not follow it, slowly and within the maximum lead.
+    """
 
     def error_limit(self) -> FollowingError:
         """The following error that trips."""
@@ -81,7 +82,7 @@ class Cause(enum.Enum):
 
 
 class StopReason(NamedTuple):
-    """Why the arm is to stop, and the words for the operator."""
+    """Reason to stop the arm, with the text for the operator."""
 
     cause: Cause
     reason: str
@@ -101,27 +102,27 @@ class Supervision:
         self.implausible = ""
         """Why the measured position is implausible; empty while it is plausible."""
         self.newest: RobotState | None = None
-        """The newest state whose reading was looked at."""
+        """The newest state whose reading was checked."""
         self.previous: RobotState | None = None
-        """The one before."""
+        """The state before it."""
         self.acted = True
         """True if the robot executed commands continuously from `previous` to `newest`."""
         self.gap_s = 0.0
         """Time between the last two ticks."""
         self.step_s = 0.0
-        """Time by which this tick advances: lost time is lost."""
+        """Time by which this tick advances, without lost time."""
         self._ticked_s = NEVER_S
         self._session: int | None = None
         self.ready = False
-        """Whether the newest state is of a robot that acts on commands."""
+        """True if the newest state is of a robot that acts on commands."""
         self._not_acting = False
-        """Whether the robot said since `newest` that commands do not act."""
+        """True if the robot has reported since `newest` that commands do not act."""
         self._plausible_s = NEVER_S
-        """Since when readings make no jump."""
+        """Time since when readings have not jumped."""
 
     @property
     def trustworthy(self) -> bool:
-        """Whether rejected readings have been plausible for long enough."""
+        """Return whether rejected readings have been plausible for long enough."""
         return self._ticked_s - self._plausible_s >= TRUST_AFTER_S
 
     def trust(self) -> None:
@@ -129,21 +130,23 @@ class Supervision:
         self.implausible = ""
 
     def look(self, state: RobotState, commanded: CommandedArm) -> StopReason | None:
-        """The gravest thing about this state before the command is compared with it; None when
-        all is well."""
-        self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
-        if 0.0 < state.period_s < math.inf:
-            self.step_s = min(state.period_s, self._longest_step_s)
+        """Return the gravest finding about this state before it is compared with the command; None
+        when all is well."""
+        stamp_s, period_s, hold_reason = state.stamp_s, state.period_s, state.hold_reason
+        self.gap_s, self._ticked_s = stamp_s - self._ticked_s, stamp_s
+        if 0.0 < period_s < math.inf:
+            longest_s = self._longest_step_s
+            self.step_s = period_s if period_s < longest_s else longest_s
         else:
-            # A robot whose clock stands still goes on moving, and has to be braked by our own.
+            # A robot whose clock stands still goes on moving, and is braked by the local clock.
             self.step_s = max(0.0, min(self._period_s, self.gap_s))
         new_session = state.session != self._session
         began, self.ready = not self.ready, False
-        live = state.link is RobotLink.LIVE
-        self._not_acting = self._not_acting or not live or bool(state.hold_reason)
+        live = state.link is _LIVE
+        self._not_acting = self._not_acting or not live or bool(hold_reason)
         if not live:
-            return StopReason(Cause.LOST, state.hold_reason or f"the robot is {state.link.value}")
-        wrong = state.hold_reason or commanded.obstacle(state, new_session or began)
+            return StopReason(Cause.LOST, hold_reason or f"the robot is {state.link.value}")
+        wrong = hold_reason or commanded.obstacle(state, new_session or began)
         if wrong:
             if new_session and self._session is not None:
                 return StopReason(Cause.NEW_SESSION, wrong)
@@ -155,14 +158,18 @@ class Supervision:
         self.acted, self._not_acting = not self._not_acting, False
         if new_session:
             self.implausible = ""
-            self._plausible_s = state.stamp_s
+            self._plausible_s = stamp_s
             return StopReason(Cause.FIRST if first else Cause.NEW_SESSION, "")
         if before is not None:
             # The longer of the two clocks: a state that waited in a queue was measured earlier.
-            time_s = max(state.stamp_s - before.stamp_s, state.period_s, 0.0)
+            time_s = stamp_s - before.stamp_s
+            if period_s > time_s:
+                time_s = period_s
+            if time_s < 0.0:
+                time_s = 0.0
             jump = commanded.jump(before, state, time_s)
             if jump:
-                self._plausible_s = state.stamp_s
+                self._plausible_s = stamp_s
                 self.implausible = jump
                 return StopReason(Cause.JUMPED, jump)
         if began:
@@ -180,9 +187,9 @@ class Supervision:
         motion: CommandedMotion | None,
         engaged: bool,
     ) -> StopReason | None:
-        """Give the measured TCP to the reference that it is compared with: that of `motion`, or
-        without a motion the arm's `own`; None where joints alone count. Return the gravest
-        finding about an `engaged` robot and its commands, None without any."""
+        """Give the measured TCP to the reference for comparison: that of `motion`, or without a
+        motion the arm's `own`; None if only joints count. Return the gravest finding about an
+        `engaged` robot and its commands, None without any."""
         reference = own if motion is None else motion.reference
         error = commanded.following_error(state, reference, observe=True)
         if not engaged:

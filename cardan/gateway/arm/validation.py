@@ -22,7 +22,7 @@ class FramedPose(NamedTuple):
 
     pose: Target
     frame: Frame
-    """BASE; or TOOL: relative to where the TCP is."""
+    """Frame of the pose: BASE, or TOOL, relative to the present TCP."""
 
 
 LARGEST_NUMBER = 1e4
@@ -41,7 +41,7 @@ _GRIPPER = {Action.CLOSE: "close", Action.OPEN: "open", Action.STOP: "stop"}
 
 
 def _finite_numbers(verb: str, values: Any, many: str) -> tuple[float, ...]:
-    """`values` as finite floats; `many`: how many the verb takes, in words."""
+    """Return `values` as finite floats; `many`: how many the verb takes, in words."""
     try:
         numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError, OverflowError):
@@ -58,7 +58,7 @@ def _finite_numbers(verb: str, values: Any, many: str) -> tuple[float, ...]:
 
 
 def six_numbers(verb: str, values: Sequence[float]) -> Six:
-    """`values` as six finite floats. Raises MotionRefusedError that names the fault."""
+    """Return `values` as six finite floats. Raises MotionRefusedError that names the fault."""
     numbers = _finite_numbers(verb, values, "six numbers")
     if len(numbers) != 6:
         raise MotionRefusedError(f"{verb} takes six numbers, not {len(numbers)}")
@@ -67,8 +67,8 @@ def six_numbers(verb: str, values: Sequence[float]) -> Six:
 
 
 def joint_numbers(verb: str, values: Sequence[float], joints: int | None) -> tuple[float, ...]:
-    """`values` as finite floats, one for each of the `joints` (None: it is not known how many
-    there are). Raises MotionRefusedError."""
+    """Return `values` as finite floats, one for each of the `joints` (None: unknown number). Raises
+    MotionRefusedError."""
     numbers = _finite_numbers(verb, values, "numbers, one for each joint")
     if joints not in (None, len(numbers)):
         raise MotionRefusedError(f"{verb} takes {joints} numbers, not {len(numbers)}")
@@ -76,13 +76,13 @@ def joint_numbers(verb: str, values: Sequence[float], joints: int | None) -> tup
 
 
 def brief(value: object) -> str:
-    """`value` in a message, however long it is."""
+    """Return `value` as a short text for a message."""
     words = repr(value)
     return words if len(words) <= LONGEST_NAME else f"{words[:LONGEST_NAME]}…"
 
 
 def checked_name(verb: str, name: object) -> str:
-    """`name` as that of a source. Raises MotionRefusedError."""
+    """Return `name` as that of a source. Raises MotionRefusedError."""
     if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME:
         raise MotionRefusedError(
             f"{verb}: takes a name of 1 to {LONGEST_NAME} characters, not {brief(name)}"
@@ -91,14 +91,14 @@ def checked_name(verb: str, name: object) -> str:
 
 
 def checked_source(verb: str, name: object) -> str:
-    """`name` as that of a source which is a program. Raises MotionRefusedError."""
+    """Return `name` as that of a source which is a program. Raises MotionRefusedError."""
     if name == OPERATOR:
         raise MotionRefusedError(f"{verb}: {OPERATOR!r} is the operator device, no program")
     return checked_name(verb, name)
 
 
 def checked_sequence(verb: str, number: object) -> int:
-    """`number` as that of a streamed command. Raises MotionRefusedError."""
+    """Return `number` as that of a streamed command. Raises MotionRefusedError."""
     if (
         isinstance(number, bool)
         or not isinstance(number, int)
@@ -112,7 +112,7 @@ def checked_sequence(verb: str, number: object) -> int:
 
 
 def checked_timeout(verb: str, timeout_s: float) -> float:
-    """`timeout_s`, at least 0 s and finite. Raises MotionRefusedError."""
+    """Return `timeout_s` if it is finite and at least 0. Raises MotionRefusedError."""
     try:
         if 0.0 <= timeout_s < math.inf:
             return float(timeout_s)
@@ -122,7 +122,7 @@ def checked_timeout(verb: str, timeout_s: float) -> float:
 
 
 def checked_distance(verb: str, distance_m: float) -> float:
-    """`distance_m`, at least 0 and finite. Raises MotionRefusedError."""
+    """Return `distance_m` if it is finite and at least 0. Raises MotionRefusedError."""
     (distance,) = _finite_numbers(verb, (distance_m,), "a distance in m")
     if distance < 0.0:
         raise MotionRefusedError(f"{verb}: a distance is a number >= 0, not {distance:g}")
@@ -142,7 +142,7 @@ def checked_action(code: Action | int | str) -> Action:
 
 
 def checked_pose(verb: str, target: Target) -> Pose:
-    """`target` as a pose. Raises MotionRefusedError."""
+    """Return `target` as a pose. Raises MotionRefusedError."""
     if isinstance(target, Pose):
         position, orientation = target.position, target.orientation
         if not is_finite((*position, *orientation)):
@@ -160,6 +160,6 @@ def checked_pose(verb: str, target: Target) -> Pose:
 
 
 def six_of(pose: Pose) -> Six:
-    """Position (m) and rotation vector (rad, length at most pi) of a pose."""
+    """Return position (m) and rotation vector (rad, length at most pi) of a pose."""
     rotation = to_rotation_vector(pose.orientation)
     return (*pose.position, *rotation)

@@ -1,4 +1,4 @@
-"""The verbs of the Cartesian interface as methods: each checks, works out and starts a motion.
+"""The verbs of the Cartesian interface as methods: each checks, plans and starts a motion.
 
 Verbs may be called from any thread: slow work (inverse kinematics, dry runs) is done beside the
 loop, which only ever holds the controller's lock for a moment.
@@ -76,7 +76,7 @@ from cardan.types import (
 )
 
 AT_REST_SHARE = 0.02
-"""Share of each joint's speed: a robot that reports more is moved by something else."""
+"""Share of each joint's speed above which a robot counts as moved by something else."""
 
 _TO_POLICY = {PolicyCode.PATH: Policy.PATH, PolicyCode.REACH: Policy.REACH}
 _TO_CODE = {policy: code for code, policy in _TO_POLICY.items()}
@@ -89,7 +89,7 @@ class ArmVerbs:
 
     Positions in m, angles in rad; `frame` (parameter cpf) means the same in every verb: base, or
     relative to the TCP. A verb that is refused raises MotionRefusedError and changes nothing; a
-    streamed command answers with the reason, "" when it was taken.
+    streamed command returns the reason, or "".
     """
 
     def __init__(
@@ -104,8 +104,8 @@ class ArmVerbs:
         tool_shapes: Iterable[BodyShape] = (),
         gripper: Callable[[Action], None] | None = None,
     ) -> None:
-        """For an existing controller; `alone` makes one. `gripper` passes an action on; without it
-        `act` is refused."""
+        """Verbs for an existing controller; `alone` makes one. `gripper` carries out an action;
+        without it `act` is refused."""
         self.options = options = options or ControllerOptions()
         self.controller, self.commanded, self.model = controller, commanded, model
         self.servo = commanded.servo
@@ -140,7 +140,7 @@ class ArmVerbs:
         self._pending: tuple[Motion, _Prepare] | None = None
         self._message = ""
         self._voided = ""
-        """Why whatever was planned last was over."""
+        """Reason why the last plans became invalid."""
         self._refusals = 0
         self._last_refusal = ""
         controller.listener = self
@@ -157,11 +157,8 @@ class ArmVerbs:
         gripper: Callable[[Action], None] | None = None,
         mapping: MappingOptions | None = None,
     ) -> ArmVerbs:
-        """Verbs with a controller of their own; with a `mapping` an operator device moves the
-        arm, too.
-
-        Raises ConfigurationError where arm and robot do not fit together.
-        """
+        """Verbs with a controller of their own; with a `mapping` an operator device moves the arm,
+        too. Raises ConfigurationError if arm and robot do not fit together."""
         options = options or ControllerOptions()
         model = narrowed(model, capabilities)
         drive = _drive(options.drive, capabilities)
@@ -225,14 +222,14 @@ class ArmVerbs:
 
     @property
     def at_rest(self) -> bool:
-        """True when nothing moves by command and nothing is about to."""
+        """True when no command moves the arm or is about to."""
         with self.controller.lock:
             controller = self.controller
             return controller.idle and not controller.recovering and self._pending is None
 
     @property
     def waited_for(self) -> Motion | None:
-        """The motion that `wait` is about: the newest, if it is one that ends by itself."""
+        """Motion that `wait` waits for: the newest, if it ends by itself."""
         return self._waited_for
 
     @property
@@ -241,7 +238,7 @@ class ArmVerbs:
         return self.controller.stamp_s
 
     def status(self) -> ControllerStatus:
-        """Flags and numbers of now."""
+        """Return the present flags and numbers."""
         controller, streams = self.controller, self.streams
         with controller.lock:
             robot, error = controller.robot, controller.following_error
@@ -269,8 +266,8 @@ class ArmVerbs:
             )
 
     def desired(self) -> tuple[list[float], list[float], int] | None:
-        """Joint positions and velocities that a trajectory has now, and the index of its point;
-        None where none is followed."""
+        """Return the present joint positions and velocities of a trajectory, and the index of its
+        point; None if none is followed."""
         current = self.controller.motion
         if not isinstance(current, FollowJointTrajectory):
             return None
@@ -312,10 +309,8 @@ class ArmVerbs:
             )
 
     def inv(self, xd: Target) -> tuple[float, ...]:
-        """Joint positions (rad, m) that put the TCP at `xd`, on the branch nearest to now.
-
-        Raises OutOfReachError or JointLimitError.
-        """
+        """Return joint positions (rad, m) for the TCP at `xd`, on the branch nearest to the present
+        ones. Raises OutOfReachError or JointLimitError."""
         with self.planning, self._counted():
             target = checked_pose("inv", xd)
             start = self._start("inv")
@@ -349,17 +344,15 @@ class ArmVerbs:
         return Rehearsal("", plan.note, plan.duration_s)
 
     def movj(self, xd: Target, *, source: str = VERBS) -> Motion:
-        """Move all joints to the pose `xd`, arriving together; the way of the TCP is free.
-
-        The quickest branch whose whole way is free of collisions is taken.
-        """
+        """Move all joints to the pose `xd`, arriving together. Takes the quickest branch whose path
+        is free of collisions; the path of the TCP is not specified."""
         with self._counted():
             target = checked_pose("movj", xd)
         return self._launch("movj", True, lambda q: self.plans.joints("movj", target, q), source)
 
     def relj(self, xd: Target, *, source: str = VERBS) -> Motion:
-        """The same, relative to where the TCP is: in base axes (translate, R' = exp(dr)·R), or,
-        where the frame is tcp, in its own (H·X)."""
+        """Move all joints to a pose relative to that of the TCP: in base axes (translate, R' =
+        exp(dr)·R), or, if the frame is tcp, in its own (H·X)."""
         with self._counted():
             step = checked_pose("relj", xd)
         return self._launch("relj", True, lambda q: self.plans.relative(step, q), source)
@@ -386,12 +379,10 @@ class ArmVerbs:
         )
 
     def trajectory(self, wanted: JointTrajectory, *, source: str = VERBS) -> Motion:
-        """Follow joint positions over time that another program planned, such as MoveIt.
-
-        It has to begin where the arm is, at rest, but for whole turns of continuous joints, which
-        are added to all of it, and is slowed as a whole to the arm's limits;
-        all of its way has to be free, as in movj.
-        """
+        """Follow joint positions over time that another program planned, such as MoveIt. The
+        trajectory must begin at the arm's position, at rest, except for whole turns of continuous
+        joints, which are added to all of it. It is slowed as a whole to the arm's limits; its whole
+        path must be free, as in movj."""
         return self._launch("trajectory", True, lambda q: self.plans.trajectory(wanted, q), source)
 
     def movv(self, xdot: Sequence[float], *, source: str = VERBS) -> Motion:
@@ -402,7 +393,7 @@ class ArmVerbs:
         return self._launch("movv", False, lambda q: self.plans.twist(linear, angular, q), source)
 
     def gcmp(self, *, source: str = VERBS) -> Motion:
-        """Carry the arm's own weight and nothing more: it can be led by hand."""
+        """Hold the arm's own weight only: a person can lead it."""
         return self._launch(
             "gcmp", False, lambda q: self.plans.torque(State.GRAVITY, None, q), source
         )
@@ -434,10 +425,8 @@ class ArmVerbs:
             self.controller.stop("stopped", source)
 
     def tool(self, x: Target, *, source: str = VERBS) -> None:
-        """Fix a link to the arm's own TCP: it replaces the one before, zeros take it off.
-
-        All later poses, twists and wrenches refer to the new TCP.
-        """
+        """Fix a link to the arm's own TCP: it replaces the one before, zeros remove it. All later
+        poses, twists and wrenches refer to the new TCP."""
         with self.planning, self.controller.lock, self._counted():
             tool = checked_pose("tool", x)
             self._require_idle("tool")
@@ -450,8 +439,7 @@ class ArmVerbs:
             self.controller.drop()
 
     def act(self, code: Action | int | str, *, source: str = VERBS) -> None:
-        """Command the gripper to close, open or stop; for this, too, `source` needs the
-        authority."""
+        """Command the gripper to close, open or stop; `source` needs the authority for it."""
         with self._counted():
             action = checked_action(code)
             if self._gripper is None:
@@ -466,11 +454,9 @@ class ArmVerbs:
                 raise MotionRefusedError(f"act: {error}") from error
 
     def start_pending(self) -> Motion | None:
-        """Work out and start the motion that waited for the arm to rest; None if there is none.
-
-        To be called beside the loop until the motion is no longer WAITING, because it takes
-        milliseconds. Raises nothing: a motion that turns out impossible is REFUSED.
-        """
+        """Plan and start the motion that waited for the arm to rest; None if there is none. Call it
+        beside the loop, since it takes milliseconds, until the motion is no longer WAITING. Raises
+        nothing: an impossible motion is REFUSED."""
         with self.planning:
             with self.controller.lock:
                 if self._pending is None or not self.controller.idle:
@@ -495,10 +481,8 @@ class ArmVerbs:
             return motion
 
     def hand_over(self, to: str, *, source: str = VERBS) -> None:
-        """Pass the authority over the arm from `source` on to the source `to`, after a stop.
-
-        Raises MotionRefusedError where `source` has none.
-        """
+        """Pass the authority over the arm from `source` to the source `to`, after a stop. Raises
+        MotionRefusedError if `source` has none."""
         controller = self.controller
         checked_name("hand_over", to)
         with (
@@ -512,10 +496,8 @@ class ArmVerbs:
             controller.stop(f"authority was handed over to {to!r}")
 
     def acquire(self, *, source: str = VERBS) -> None:
-        """Take the authority over the arm for `source`, or renew it, without moving anything.
-
-        Raises MotionRefusedError where another source has it.
-        """
+        """Take or renew the authority over the arm for `source`, without moving anything. Raises
+        MotionRefusedError if another source has it."""
         controller = self.controller
         with (
             controller.lock,
@@ -527,10 +509,8 @@ class ArmVerbs:
                 raise MotionRefusedError(f"acquire: {refusal}")
 
     def release(self, source: str = VERBS) -> None:
-        """Give up the authority of `source`, so that others need not wait until its lease ends.
-
-        Its motion, if any, is stopped.
-        """
+        """Give up the authority of `source` before its lease ends; its motion, if any, is
+        stopped."""
         controller = self.controller
         with controller.lock, controller.recorded_request("release", argument_text(source)):
             if controller.authority.owner == source and not controller.idle:
@@ -538,8 +518,8 @@ class ArmVerbs:
             controller.authority.release(source)
 
     def acknowledge(self) -> None:
-        """Re-arm after implausible measured joints, or after a recovery that did not
-        reach the robot: go on from here. Raises MotionRefusedError while it is too early.
+        """Re-arm after implausible measured joints, or after a recovery that did not reach the
+        robot: continue from the measured position. Raises MotionRefusedError while it is too early.
         """
         with self._counted():
             why = self.controller.acknowledge()
@@ -567,7 +547,7 @@ class ArmVerbs:
         self.set_parameters({key: value}, source=source)
 
     def set_parameters(self, values: Mapping[prm.Key, prm.Value], *, source: str = VERBS) -> None:
-        """Set all of `values`, or, where one of them is refused, none."""
+        """Set all of `values`, or none if one is refused."""
         with (
             self.planning,
             self.controller.lock,
@@ -581,7 +561,7 @@ class ArmVerbs:
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
             if stream is None:
-                # It moves nothing: its sender does not keep others from the arm afterwards.
+                # It moves nothing: its sender does not block others from the arm afterwards.
                 holds = self.controller.authority.owner == source
                 self._require_authority(f"setting {names}", source, claims=holds)
             before = dict(self.parameters)
@@ -613,12 +593,10 @@ class ArmVerbs:
         stamp_s: float | None = None,
         begins: Begins | None = None,
     ) -> str:
-        """Carry out the streamed command `verb` (one with a preset) now; "" or why not.
-
-        `owner` is the streaming source; `sequence` or `stamp_s` (sender's clock), where given, have
-        to grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen,
-        or one that its sender has left, it chooses its own; None: never.
-        """
+        """Carry out the streamed command `verb` (one with a preset) now; return why not, or "".
+        `owner` is the streaming source; `sequence` or `stamp_s` (sender's clock), if given, must
+        grow. `begins`: whether the command may choose its own preset while nothing moves the arm
+        and no streaming command, or one without its sender, is chosen; None: never."""
         sender = CommandHeader(owner, sequence, stamp_s, self.stamp_s)
         self.streams.hear(sender)
         began = False
@@ -639,8 +617,8 @@ class ArmVerbs:
         return ""
 
     def may_choose(self, verb: str, begins: Begins, source: str) -> bool:
-        """Whether the streamed command `verb` may choose its preset: none is chosen, or, where its
-        stream has just begun and the arm rests, another one that is its own sender's, or one whose
+        """Return whether the streamed command `verb` may choose its preset: none is chosen, or, if
+        its stream has just begun and the arm rests, the chosen one is its sender's own or its
         sender has no authority any more."""
         streams = self.streams
         if streams.kind is Stream.NONE:
@@ -652,11 +630,12 @@ class ArmVerbs:
         return streams.owner == source or streams.owner != self.controller.authority.owner
 
     def goes_on(self, begins: Begins, source: str) -> bool:
-        """Whether the stream that fell silent last is that of `source`, which goes on with it."""
+        """Return whether the stream that fell silent last belongs to `source`, which continues
+        it."""
         return begins is Begins.GOING_ON and self.streams.silenced == source
 
     def _begin_stream(self, verb: str, begins: Begins, source: str) -> bool:
-        """Choose the preset of `verb`; False where one was chosen meanwhile."""
+        """Choose the preset of `verb`; return False if one was chosen meanwhile."""
         with self.planning, self.controller.lock:
             if not self.may_choose(verb, begins, source):
                 return False
@@ -669,7 +648,7 @@ class ArmVerbs:
             return True
 
     def take_back(self, kind: Stream, reason: str) -> None:
-        """The command that chose the preset `kind` was none: it chooses nothing."""
+        """Undo the choice of the preset `kind` by an invalid command."""
         argument = argument_text(kind, reason)
         with (
             self.planning,
@@ -683,7 +662,7 @@ class ArmVerbs:
     # -- starting and ending ---------------------------------------------------------------------
 
     def _launch(self, verb: str, ends: bool, prepare: _Prepare, source: str) -> Motion:
-        """Work the motion out and start it, or have it wait until the arm is at rest."""
+        """Plan the motion and start it, or keep it until the arm is at rest."""
         with self.planning, self._counted():
             with self.controller.lock:
                 start = self._start(verb, source)
@@ -752,8 +731,8 @@ class ArmVerbs:
         return robot
 
     def _start(self, verb: str, source: str = VERBS, claims: bool = True) -> FloatArray:
-        """Joint positions that a motion would start from: the commanded ones, or, where nothing
-        is commanded, the measured ones. `claims`: `source` takes the authority for it."""
+        """Return the joint positions from which a motion would start: the commanded ones, or, if
+        nothing is commanded, the measured ones. `claims`: `source` takes the authority."""
         with self.controller.lock:
             robot = self._require_joints(verb)
             if verb != "inv":
@@ -774,7 +753,7 @@ class ArmVerbs:
             return np.array(robot.joints)
 
     def _check_measured(self, verb: str, robot: RobotState) -> None:
-        """Before the first command: the robot rests, and agrees with its model."""
+        """Check before the first command that the robot rests and agrees with its model."""
         misfit = self.commanded.obstacle(robot, True)
         if misfit:
             raise MotionRefusedError(f"{verb}: {misfit}")
@@ -798,7 +777,7 @@ class ArmVerbs:
             raise MotionRefusedError(f"{verb}: refused while torques are commanded; stop first")
 
     def _require_authority(self, verb: str, source: str, claims: bool = True) -> None:
-        """`source` may act; `claims`: it takes the authority for it, or renews it."""
+        """Refuse a `source` that may not act; `claims`: it takes or renews the authority."""
         controller = self.controller
         authority = controller.authority
         refusal = controller.inhibited
@@ -808,7 +787,7 @@ class ArmVerbs:
             raise MotionRefusedError(f"{verb}: {refusal}")
 
     def _require_plan_epoch(self, verb: str, plan_epoch: int, source: str) -> None:
-        """Nothing happened while it was worked out that makes the plan void."""
+        """Refuse a plan that became invalid while it was computed."""
         robot = self.controller.robot
         if plan_epoch != self.controller.plan_epoch or robot is None or not robot.ready:
             why = self.controller.not_ready or self._voided or "the robot is not ready"
@@ -817,7 +796,7 @@ class ArmVerbs:
 
 
 class _Counted:
-    """Counts refusals on their way out."""
+    """Counter of refusals."""
 
     def __init__(self, verbs: ArmVerbs) -> None:
         self._verbs = verbs
@@ -842,7 +821,7 @@ def _drive(wanted: CommandKind | None, capabilities: RobotCapabilities) -> Comma
 
 
 def narrowed(model: ArmModel, capabilities: RobotCapabilities) -> ArmModel:
-    """The arm with the limits of its robot driver, where those are tighter."""
+    """Return the arm with its robot driver's limits if those are tighter."""
     n = len(model.joints)
     if capabilities.joints != n:
         raise ConfigurationError(

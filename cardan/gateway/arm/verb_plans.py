@@ -1,4 +1,4 @@
-"""Makes the verbs' motions of numbers and parameters."""
+"""Planning of the verbs' motions from arguments and parameters."""
 
 from __future__ import annotations
 
@@ -51,26 +51,27 @@ from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Twist, Vec
 ALREADY_THERE_RAD = 1e-6
 
 WAY_SAMPLES = 33
-"""Samples of a straight joint motion: between them the TCP is not far from the workspace's edge."""
+"""Samples of a straight joint motion for the workspace check: between them the TCP moves little
+beyond its edge."""
 
 SPEED_SAMPLES = 33
 """Samples of a joint motion at which the TCP's speed is checked: every 6 degrees of half a turn."""
 
 BEGINS_RAD = 0.05
-"""Largest distance, rad or m, of a trajectory's first point from where the arm is: MoveIt itself
-allows 0.01 by default."""
+"""Largest distance, rad or m, of a trajectory's first point from the arm: MoveIt itself allows 0.01
+by default."""
 
 TRAJECTORY_STEP_RAD = 0.05
-"""Longest way of a joint between two samples of a trajectory."""
+"""Longest motion of a joint between two samples of a trajectory."""
 
 WORTH_A_NOTE = 0.995
-"""Share of the speed below which a slower trajectory is reported: planners use the limits up."""
+"""Share of the speed below which a slower trajectory is reported: planners use the limits fully."""
 
 _STILL = 1e-9
 
 
 class Plan(NamedTuple):
-    """A planned motion, or none where the arm is there already."""
+    """A planned motion, or none if the arm is at its goal."""
 
     motion: CommandedMotion | None
     duration_s: float
@@ -83,7 +84,7 @@ def there_already() -> Plan:
 
 
 class VerbPlans:
-    """Plans motions with the parameters as they are now. May take milliseconds."""
+    """Plans motions with the present parameters. May take milliseconds."""
 
     def __init__(
         self,
@@ -98,7 +99,7 @@ class VerbPlans:
         self.model, self.planner, self.capabilities = model, planner, capabilities
         self.parameters = parameters
         self.measuring = ArmKinematics(model)
-        """With the tool, for measured joints."""
+        """Kinematics for measured joints, with the tool."""
         self.options = options
         self.deceleration = Deceleration(
             options.stop_deceleration_m_s2, options.stop_deceleration_rad_s2, 0.5
@@ -138,7 +139,8 @@ class VerbPlans:
         return self._joint_plan(start, self.planner.joint_goal(verb, target, start, speeds))
 
     def joint_positions(self, verb: str, goal: FloatArray, start: FloatArray) -> Plan:
-        """All joints to the positions `goal`, straight, arriving together; its way is looked at."""
+        """Plan a straight motion of all joints to the positions `goal`, arriving together; its path
+        is checked."""
         self.require_drive(verb)
         shares = np.linspace(0.0, 1.0, WAY_SAMPLES)[:, np.newaxis]
         self.planner.check_joint_samples(verb, start + shares * (goal - start))
@@ -158,14 +160,14 @@ class VerbPlans:
         return Plan(motion, path.duration_s, note)
 
     def _stay(self, start: FloatArray) -> Plan:
-        """For a goal at which the command is already; an arm that is not there is waited for."""
+        """Plan the wait of a command that is at its goal for an arm that is not there yet."""
         if self._is_at(start):
             return there_already()
         motion = FollowJoints(self.servo, HoldTrajectory(start), self.deceleration, self._arrival)
         return Plan(motion, 0.0, "the command is there already")
 
     def _is_at(self, start: FloatArray) -> bool:
-        """Whether the measured joints are so near `start` that the arm need not be waited for."""
+        """Return whether the measured joints are so near `start` that no wait is needed."""
         robot = self._controller.robot
         assert robot is not None
         away = short_way(np.array(robot.joints) - start, self.planner.kinematics.continuous)
@@ -173,14 +175,16 @@ class VerbPlans:
         return float(np.abs(away).max()) <= near
 
     def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
-        """Share of the joints' `speeds` at which the TCP keeps its speed limit on the whole way."""
+        """Return the share of the joints' `speeds` at which the TCP keeps its speed limit on the
+        whole path."""
         way = goal - start
         rate = way / float((np.abs(way) / speeds).max())
         shares = np.linspace(0.0, 1.0, SPEED_SAMPLES)
         return self._tcp_share([(start + share * way, rate) for share in shares])
 
     def _tcp_share(self, samples: Iterable[tuple[FloatArray, FloatArray]]) -> float:
-        """The same at all of these joint positions and velocities."""
+        """Return the share of the speed at which the TCP keeps its limit at all of these joint
+        positions and velocities."""
         limits, kinematics, share = self.options.limits, self.planner.kinematics, 1.0
         if limits is None:
             return share
@@ -234,15 +238,15 @@ class VerbPlans:
         return Plan(motion, path.duration_s, note)
 
     def _nearest_turns(self, wanted: JointTrajectory, start: FloatArray) -> JointTrajectory:
-        """The same with whole turns of continuous joints, as planners leave them out, such that its
-        first point is as near as it can be."""
+        """Return the trajectory with whole turns added to continuous joints, as planners omit them,
+        so that its first point is as near as possible."""
         positions = np.array(wanted.positions)
         away = positions[0] - start
         turned = short_way(away, self.planner.kinematics.continuous) - away
         return replace(wanted, positions=positions + turned) if turned.any() else wanted
 
     def _share_of_trajectory(self, path: SplineTrajectory, times: FloatArray) -> float:
-        """Share of its speed at which joints and TCP keep their limits all the way."""
+        """Return the share of the speed at which joints and TCP keep their limits all the way."""
         kinematics = self.planner.kinematics
         moves = [path.at(t_s) for t_s in times.tolist()]
         speeds = [float((np.abs(v) / kinematics.velocity).max()) for _, v in moves]
@@ -254,7 +258,7 @@ class VerbPlans:
         return min(self._tcp_share(moves), *within)
 
     def line(self, target: Pose, start: FloatArray, relative: bool, verb: str = "movl") -> Plan:
-        """A straight line to `target`, in the base, or `relative` to where the TCP is."""
+        """Plan a straight line to `target`, in the base, or `relative` to the present TCP."""
         self.require_drive(verb)
         begin = to_pose(self.planner.forward(start))
         target = compose(begin, target) if relative else target
@@ -275,7 +279,7 @@ class VerbPlans:
         return Plan(motion, path.duration_s, note)
 
     def _path(self, begin: Pose, target: Pose) -> tuple[LineTrajectory, str]:
-        """The line at the reference speeds, or slower where a longer duration is set."""
+        """Plan the line at the reference speeds, or slower if a longer duration is set."""
         values = self.parameters
         jerk = values[Parameter.PROFILE] == ProfileCode.JERK
         cap_m_s = self.capabilities.linear_speed_m_s or math.inf
@@ -344,7 +348,7 @@ class VerbPlans:
         return TorqueMotion(state, self.model, self._commanded, self.measuring, self.options.torque)
 
     def reference(self, linear_m_s2: float, angular_rad_s2: float) -> Reference:
-        """A reference for streams and movv with these accelerations."""
+        """Make a reference for streams and movv with these accelerations."""
         limits = replace(
             self.options.streams,
             linear_speed_m_s=self._fastest_m_s,
@@ -372,12 +376,12 @@ class VerbPlans:
 
     @property
     def _arrival(self) -> Arrival:
-        """Arrival of one motion."""
+        """Make the arrival check of one motion."""
         return Arrival(self.options.arrival, self.capabilities.lag_s)
 
     @property
     def _accelerations(self) -> tuple[float, float]:
-        """Accelerations of lines and movv: as the parameters say, within the limits."""
+        """Accelerations of lines and movv: those of the parameters, within the limits."""
         linear = self.parameters[Parameter.TRAJECTORY_ACCELERATION]
         angular = self.parameters[Parameter.ROTATION_ACCELERATION]
         limits = self.options.limits
@@ -399,7 +403,7 @@ class VerbPlans:
         return min(self.options.streams.angular_speed_rad_s, math.inf if most is None else most)
 
     def slowed(self, linear: Vector3, angular: Vector3) -> tuple[Vector3, Vector3, float]:
-        """The twist inside the speed limits, both parts slowed alike, and by how much."""
+        """Return the twist inside the speed limits, both parts slowed alike, and the factor."""
         share = 1.0
         for part, fastest in ((linear, self._fastest_m_s), (angular, self._fastest_rad_s)):
             speed = norm(part)

@@ -17,11 +17,11 @@ class Outcome(enum.Enum):
     """State of a motion."""
 
     WAITING = "waiting"
-    """Accepted; the motion before is still coming to rest."""
+    """Accepted; the previous motion is still coming to rest."""
     RUNNING = "running"
     DONE = "done"
     REFUSED = "refused"
-    """Impossible from where the motion before it came to rest."""
+    """Impossible from the position where the previous motion came to rest."""
     ABORTED = "aborted"
 
 
@@ -31,12 +31,12 @@ class Motion:
     def __init__(self, verb: str, ends: bool, source: str = VERBS) -> None:
         self.verb = verb
         self.source = source
-        """The source that asked for it."""
+        """Source that requested it."""
         self.ends = ends
         """True for movj, relj, movl and trajectories, which `wait` waits for."""
         self.outcome = Outcome.WAITING
         self.reason = ""
-        """Why it was aborted or refused."""
+        """Reason why it was aborted or refused."""
         self.note = ""
         """Changes made to the request; empty if there were none."""
         self.duration_s = math.inf
@@ -45,7 +45,7 @@ class Motion:
 
     @property
     def over(self) -> bool:
-        """True once the motion has ended, or will not begin."""
+        """True once the motion has ended or was refused."""
         return self.outcome not in (Outcome.WAITING, Outcome.RUNNING)
 
     def __repr__(self) -> str:
@@ -60,7 +60,7 @@ class Rehearsal(NamedTuple):
     note: str
     """Changes that would be made to the request; empty if none."""
     duration_s: float
-    """By the speeds of the parameters; 0 where it is refused."""
+    """Duration at the speeds of the parameters; 0 if it is refused."""
 
 
 class Stat(NamedTuple):
@@ -74,11 +74,11 @@ class Stat(NamedTuple):
     joints: tuple[float, ...] = ()
     """Measured, rad or m."""
     target: Six | None = None
-    """Commanded TCP pose, likewise; None before anything was commanded."""
+    """Commanded TCP pose, likewise; None before the first command."""
     twist: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """How it is commanded to move: m/s and rad/s, base axes."""
+    """Commanded twist: m/s and rad/s, base axes."""
     heard: bool = True
-    """Whether the robot is; otherwise measurements are old."""
+    """True while the robot sends states; otherwise measurements are old."""
 
 
 class ControllerStatus(NamedTuple):
@@ -93,22 +93,22 @@ class ControllerStatus(NamedTuple):
     braking: bool
     torque: bool
     recovering: bool
-    """After a trip, until the command is back at the arm."""
+    """True after a trip, until the command is back at the arm."""
     message: str
     """Reason why a motion or a stream last ended."""
     stream_owner: str
     stream_age_s: float
-    """Since the newest streamed command; infinite before the first."""
+    """Time since the newest streamed command, s; infinite before the first."""
     stream_late: int
-    """Streamed commands that came late or twice."""
+    """Count of streamed commands that came late or twice."""
     stream_scaled: int
-    """Streamed twists that were faster than allowed and were slowed, direction kept."""
+    """Count of streamed twists that were too fast and were slowed, direction kept."""
     following_error_rad: float
     following_joint: str
     trips: int
     refusals: int
     last_refusal: str
     pose: Six | None
-    """Commanded TCP pose; None before anything was commanded."""
+    """Commanded TCP pose; None before the first command."""
     servo: ServoStatus
     authority: AuthorityState

@@ -1,4 +1,4 @@
-"""Carries out verbs by name, and waits for slow ones, beside the loop."""
+"""Server that carries out verbs by name, and waits for slow ones, beside the loop."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ REST_TIMEOUT_S = 10.0
 """Robot time within which any motion has braked to rest."""
 
 SLOWS_S = 0.5
-"""Longest wait of a rehearsal for an arm that slows down: a stream's ramp takes half of it."""
+"""Longest wait of a rehearsal for a decelerating arm: a stream's ramp takes half of it."""
 
 
 class VerbServer:
     """Carries out the requests of any thread at the verbs of one arm.
 
-    A verb that takes over from a motion under way blocks until that one is braked to rest; if from
-    there it turns out impossible, it is refused and the arm stays at rest.
+    A verb that takes over from a motion under way blocks until that one is braked to rest; if the
+    new motion is impossible from there, it is refused and the arm stays at rest.
     """
 
     def __init__(self, verbs: ArmVerbs, link: LoopLink) -> None:
@@ -45,11 +45,11 @@ class VerbServer:
         stamp_s: float | None = None,
         begins: Begins | None = None,
     ) -> Any:
-        """Carry out `verb` for `source`; `value` is its argument, where it has one. `sequence`,
-        `stamp_s` and `begins` are of streamed commands: see :meth:`ArmVerbs.stream`.
+        """Carry out `verb` for `source`; `value` is its argument, if it has one. `sequence`,
+        `stamp_s` and `begins` belong to streamed commands: see :meth:`ArmVerbs.stream`.
 
-        Returns the verb's result. Raises MotionRefusedError, ConfigurationError, or, where the
-        loop does not run, MotionLoopError.
+        Returns the verb's result. Raises MotionRefusedError, ConfigurationError, or, if the loop
+        does not run, MotionLoopError.
         """
         checked_source(verb, source)
         if sequence is not None:
@@ -78,7 +78,7 @@ class VerbServer:
         return self.rehearsed(call) if known.answers is Rehearsal else call()
 
     def start(self, verb: Callable[[], Motion]) -> Motion:
-        """Start a motion, after the one before has come to rest."""
+        """Start a motion, after the previous one has come to rest."""
         with self._starting:
             self.link.require()
             motion = verb()
@@ -91,7 +91,7 @@ class VerbServer:
             return motion
 
     def settled(self, change: Callable[[], None]) -> None:
-        """Make a `change` that needs rest, after an arm on its way there has come to it."""
+        """Apply a `change` that needs rest, after a decelerating arm has come to rest."""
         with self._starting:
             self.link.require()
             verbs = self.verbs
@@ -106,7 +106,7 @@ class VerbServer:
             change()
 
     def rehearsed(self, look: Callable[[], Rehearsal]) -> Rehearsal:
-        """`look` at a motion from where an arm that slows down comes to rest."""
+        """Return the rehearsal by `look` from where a decelerating arm comes to rest."""
         verbs = self.verbs
         began_s = verbs.stamp_s
         while verbs.commanded.moving and verbs.stamp_s - began_s < SLOWS_S:
@@ -115,7 +115,7 @@ class VerbServer:
         return look()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until the last movj, relj, movl or retract has ended; True when it arrived."""
+        """Wait until the last movj, relj, movl or retract has ended; return whether it arrived."""
         verbs = self.verbs
         motion = verbs.waited_for
         if motion is None or not motion.ends:

@@ -48,7 +48,7 @@ def refuse(verb: str, why: str) -> NoReturn:
 
 
 def number(verb: str, value: Any) -> float:
-    """`value` as a finite float. Raises MotionRefusedError."""
+    """Return `value` as a finite float. Raises MotionRefusedError."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         refuse(verb, f"takes numbers, not {brief(value)}")
     if not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:
@@ -140,16 +140,17 @@ def _word_or_number(word: str) -> float | str:
 
 
 class Takes(NamedTuple):
-    """Argument of a verb: in words, as JSON, and on a command line."""
+    """Argument of a verb: for people, as JSON, and on a command line."""
 
     words: str
     """For people, with units."""
     counts: Sequence[int]
-    """How many words of a command line it is."""
+    """Possible numbers of its words on a command line."""
     encode: Callable[[str, Any], Any]
-    """To JSON, of the verb of this name; a wrong argument raises the verb's own error."""
+    """Encode the argument of the verb of this name as JSON; a wrong argument raises the verb's own
+    error."""
     decode: Callable[[str, Any], Any]
-    """From JSON; raises MotionRefusedError or ConfigurationError."""
+    """Decode the argument from JSON; raises MotionRefusedError or ConfigurationError."""
     read: Callable[[str, Sequence[str]], Any] = _word_numbers
     """Reader of the words of a command line, as JSON has it."""
 
@@ -191,7 +192,7 @@ VALUES = Takes(
 )  # fmt: skip
 
 TRAJECTORY = Takes("a joint trajectory", (), lambda _verb, _value: None, lambda _verb, _value: None)
-"""Of no packet and no command line."""
+"""Argument of a verb that neither packets nor the command line carry."""
 
 
 # -- the table ------------------------------------------------------------------------------------
@@ -203,29 +204,29 @@ class Verb(NamedTuple):
     name: str
     takes: Takes = NOTHING
     answers: type | None = None
-    """Type of the result; Motion: it begins one."""
+    """Type of the result; Motion: the verb begins one."""
     changes: bool = True
-    """Whether it acts on the arm, its parameters or the authority over it, by its source's name."""
+    """True if it acts on the arm, its parameters or the authority, under its source's name."""
     in_packets: bool = True
-    """Whether programs may ask for it by :mod:`cardan.gateway.arm.requests`."""
+    """True if programs may request it by :mod:`cardan.gateway.arm.requests`."""
     endless: bool = False
     """True for a motion that does not end by itself."""
     preset: Stream | None = None
     """Preset that a streamed command needs. It may carry a sequence number, a stamp, and
     whether it begins a stream."""
     quick: bool = False
-    """Whether it neither plans nor waits."""
+    """True if it neither plans nor waits."""
     at_rest: bool = False
-    """Whether it waits for an arm that is coming to rest."""
+    """True if it waits for an arm that is coming to rest."""
     without_loop: bool = False
-    """Whether it is carried out also while no loop drives the arm."""
+    """True if it is carried out also while no loop drives the arm."""
     recorded: bool = False
-    """Whether a record has it as it happens, and it can be made again exactly. A motion cannot: its
+    """True if a record has it as it happens, and it can be replayed exactly. A motion cannot: its
     planning overlaps with ticks."""
 
     @property
     def begins_motion(self) -> bool:
-        """Whether it begins a motion, other than a streamed one."""
+        """True if it begins a motion, other than a streamed one."""
         return self.answers is Motion
 
 
@@ -289,10 +290,10 @@ def _names(has: Callable[[Verb], bool]) -> frozenset[str]:
 
 
 IN_PACKETS = tuple(name for name, verb in VERB_TABLE.items() if verb.in_packets)
-"""The verbs that programs may ask for."""
+"""The verbs that programs may request."""
 
 CHANGING = _names(lambda verb: verb.changes)
-"""Verbs that act by the name of their source."""
+"""Verbs that act under the name of their source."""
 
 NEW_MOTION = _names(lambda verb: verb.begins_motion)
 """Verbs that begin a motion."""

@@ -38,21 +38,21 @@ class Stream(enum.IntEnum):
     TWIST = vocab("twst")
     WRENCH = vocab("wrnc")
     JOINT = vocab("jnts")
-    """Ours: speeds of single joints."""
+    """Extension of Cardan: speeds of single joints."""
 
 
 class Begins(enum.Enum):
-    """Treatment of a command of a stream that chooses its preset by itself, while no streaming
-    command is chosen. The values are the reasons why it is refused."""
+    """Treatment of a streamed command that chooses its preset by itself while no streaming command
+    is chosen. The values are the reasons for refusing it."""
 
     NEW = ""
-    """It chooses: its stream has just begun."""
+    """The command chooses: its stream has just begun."""
     GOING_ON = (
         "the stream was ended, and does not begin again by itself: let it be silent for 0.5 s, or "
         "send zero, first"
     )
-    """It chooses only where its own stream fell silent: a stopped stream stays stopped, and another
-    sender's is not taken up."""
+    """The command chooses only if its own stream fell silent: a stopped stream stays stopped, and
+    another sender's is not continued."""
     REST = "zero begins no stream; the first command that moves the arm does"
 
 
@@ -93,14 +93,14 @@ class ProfileCode(enum.IntEnum):
 
 
 class PolicyCode(enum.IntEnum):
-    """Values of the parameter cppo: the policy where the arm cannot follow."""
+    """Values of the parameter cppo: the policy if the arm cannot follow."""
 
     PATH = vocab("path")
     REACH = vocab("rech")
 
 
 class Parameter(enum.IntEnum):
-    """Keys of parameters; the last ten are Cardan's own."""
+    """Keys of parameters; the last ten are extensions of Cardan."""
 
     ALL = vocab("prms")
     GAIN = vocab("cpcg")

@@ -1,11 +1,8 @@
-"""Motions of an arm as ROS 2 actions: goals that report their progress, and can be canceled.
-
-A goal that can be read is accepted at once, and another one rejected; a refusal by the arm ends it
-as aborted, with the reason in its result, because a rejected goal could not carry one. A later
-motion takes the arm from the goal before, through rest, as all motions do. A goal that is canceled
-before it moves the arm, also before it is accepted, never begins: it is accepted and ends as
-canceled.
-"""
+"""Motions of an arm as ROS 2 actions: goals that report their progress, and can be canceled. A
+valid goal is accepted at once, a malformed one rejected; a refusal by the arm ends the goal as
+aborted, with the reason in its result, because a rejected goal cannot carry one. A later motion
+replaces the goal, through rest, as with all motions. A goal that is canceled before it moves the
+arm, or before it is accepted, never begins: it is accepted and ends as canceled."""
 
 from __future__ import annotations
 
@@ -39,7 +36,7 @@ MAX_WAITING = 8
 
 
 class Ahead(NamedTuple):
-    """A goal that is to be accepted before the cancellations that came with it, and to begin after
+    """A goal that must be accepted before the cancellations that arrived with it, and begin after
     them: the packet itself follows."""
 
     packet: ServiceRequest
@@ -77,11 +74,11 @@ class ArmAction:
 
     @property
     def running(self) -> bool:
-        """Whether a goal moves the arm."""
+        """True while a goal moves the arm."""
         return self._running is not None
 
     def tell(self, now: Instant, now_ns: int) -> None:
-        """Publish how far the goal is that moves the arm."""
+        """Publish the progress of the goal that moves the arm."""
         goal = self._running
         if goal is None:
             return
@@ -92,7 +89,7 @@ class ArmAction:
     # -- for the worker's threads ----------------------------------------------------------------
 
     def accept(self, packet: ServiceRequest) -> _Taken | None:
-        """Take a goal; None where it was answered otherwise. Raises PacketError for a malformed
+        """Take a goal; None if it was answered otherwise. Raises PacketError for a malformed
         goal."""
         server, command = self._server, self._command
         name = self._type.send_goal.request
@@ -121,7 +118,7 @@ class ArmAction:
             raise PacketError(str(error), number) from error
 
     def begin(self, goal: Goal) -> None:
-        """The goal moves the arm from now on."""
+        """Mark the goal as moving the arm."""
         before, self._running = self._running, goal
         if before is not None:
             self.end(before, GoalStatus.ABORTED, f"{self._command.verb} took over")
@@ -134,7 +131,7 @@ class ArmAction:
     def end(
         self, goal: Goal, status: GoalStatus, reason: str = "", error: CardanError | None = None
     ) -> None:
-        """The goal is over: answer the requests for its result."""
+        """End the goal: answer the requests for its result."""
         if self._running is goal:
             self._running = None
         if status is GoalStatus.ABORTED and goal.status is GoalStatus.CANCELING:
@@ -149,14 +146,14 @@ class ArmAction:
             self._reply_result(packet, status, result)
 
     def cancel(self, message: Message) -> tuple[Message, bool]:
-        """The response to a request to cancel, and whether the arm has to be braked for it."""
+        """Return the response to a request to cancel, and whether the arm must brake for it."""
         with self._lock:
             response, going = self.goals.cancel(message)
         self.put_status()
         return response, self._running in going
 
     def ask_result(self, goal_id: bytes, packet: ServiceRequest) -> None:
-        """Answer with a goal's result, as soon as there is one."""
+        """Answer with a goal's result as soon as it is known."""
         with self._lock:
             goal = self.goals.find(goal_id)
             if goal is not None and not goal.status.over:
@@ -186,7 +183,7 @@ class ArmAction:
             self._status.put(data, time.time_ns())
 
     def read(self, service: str, packet: ServiceRequest) -> Message:
-        """The message in a request to `service`. Raises PacketError, after the refusal."""
+        """Decode the message in a request to `service`. Raises PacketError, after the refusal."""
         message = codec_of(f"{service}_Request").decode(packet.data)
         if isinstance(message, MalformedCdr):
             self._server.refused += 1
@@ -195,8 +192,8 @@ class ArmAction:
         return message
 
     def request(self, taken: _Taken, packet: ServiceRequest) -> Request:
-        """The goal of `packet` as a request to the arm, which is not begun once it is canceled,
-        and ends with its client if it has no end of its own."""
+        """Convert the goal of `packet` to a request to the arm. It is not begun once it is
+        canceled, and, without an end of its own, ends with its client."""
         (number, goal, value), server = taken, self._server
         request = Request(
             number, server.source(packet), self.verb, value,
@@ -206,12 +203,12 @@ class ArmAction:
 
     @property
     def verb(self) -> str:
-        """That carries the goals out."""
+        """Verb that carries out the goals."""
         return self._command.verb
 
     @property
     def result_type(self) -> str:
-        """The type of the service that is asked for a result."""
+        """Type of the service that returns the result."""
         return self._type.get_result.name
 
     def next_id(self) -> int:
@@ -231,9 +228,9 @@ class _GoalClient:
         self._action = action
         self._asked: dict[int, Goal] = {}
         self._moving: dict[int, Goal] = {}
-        """By the motion."""
+        """Goals under way, by their motion's id."""
         self._ahead: dict[ServiceRequest, _Taken | None] = {}
-        """Goals that are accepted and do not begin yet; None: ones that were answered otherwise."""
+        """Accepted goals that have not begun; None: goals that were answered otherwise."""
 
     def decode(self, packet: ServiceRequest | Ahead) -> Request | None:
         action = self._action
@@ -277,13 +274,13 @@ class _GoalClient:
 
 
 class _CancelClient:
-    """Requests to cancel goals, which brake the arm where one of them moves it."""
+    """Requests to cancel goals; the arm brakes if one of them moves it."""
 
     def __init__(self, action: ArmAction) -> None:
         self._action = action
 
     def decode(self, packet: ServiceRequest | None) -> Request | None:
-        """None for `packet`: only brake."""
+        """Decode a request to cancel; None for `packet`: only brake."""
         action = self._action
         if packet is not None:
             response, moving = action.cancel(action.read(CANCEL_TYPE, packet))
@@ -293,13 +290,13 @@ class _CancelClient:
         return Request(action.next_id(), "", "stop")
 
     def done(self, request: Request, result: Any) -> None:
-        """The goal reports its end."""
+        """Do nothing: the goal reports its end."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """A malformed request was answered already."""
+        """Do nothing: a malformed request was answered already."""
 
     def ended(self, note: MotionNote) -> None:
-        """No motion comes from here."""
+        """Do nothing: this client begins no motion."""
 
 
 class _ResultClient:
@@ -313,10 +310,10 @@ class _ResultClient:
         self._action.ask_result(bytes(message["goal_id"]["uuid"]), packet)
 
     def done(self, request: Request, result: Any) -> None:
-        """It asks nothing of the arm."""
+        """Do nothing: it requests nothing of the arm."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """A malformed request was answered already."""
+        """Do nothing: a malformed request was answered already."""
 
     def ended(self, note: MotionNote) -> None:
-        """No motion comes from here."""
+        """Do nothing: this client begins no motion."""

@@ -1,8 +1,7 @@
 """The parameters of an arm's node: ROS 2's parameter services over the interface's parameters.
 
-Names are those of the paper's Cartesian server where it has them (Łukawski et al. 2025, Table 1);
-reading and setting is done by the session's worker of requests, so that setting waits until the
-arm rests.
+Names are those of the paper's Cartesian server if it has them (Łukawski et al. 2025, Table 1); the
+session's request worker reads and sets them, so that setting waits until the arm rests.
 """
 
 from __future__ import annotations
@@ -72,13 +71,13 @@ class _Named(NamedTuple):
         )  # fmt: skip
 
     def to_ros(self, value: float) -> Value:
-        """The value of the arm's parameter as ROS 2 has it."""
+        """Convert the value of the arm's parameter to ROS 2's."""
         if not self.codes:
             return float(value)
         return next(text for text, code in self.codes.items() if code == value)
 
     def from_ros(self, value: Value) -> float:
-        """The arm's value of a checked one of ROS 2."""
+        """Convert a checked value of ROS 2 to the arm's."""
         return float(self.codes[str(value)] if self.codes else value)
 
 
@@ -145,7 +144,7 @@ _BY_ARM_NAME = {find_rule(each.key).name: each for each in PARAMETERS}
 
 
 def to_ros(values: Mapping[str, float]) -> dict[str, Value]:
-    """The values of the arm's parameters, by their names there, as ROS 2 has them."""
+    """Convert the values of the arm's parameters, by their names there, to ROS 2's."""
     return {
         _BY_ARM_NAME[name].name: _BY_ARM_NAME[name].to_ros(value) for name, value in values.items()
     }
@@ -155,7 +154,7 @@ class ArmParameters:
     """The parameter services of one arm's node, and its events."""
 
     def __init__(self, node: BusNode, server: CommandServer) -> None:
-        """`node` is open; `server` carries requests on and counts refusals."""
+        """`node` is open; `server` passes requests on and counts refusals."""
         self.table = table = ParameterServer(each.declared() for each in PARAMETERS)
         self._node = node
         self._events = node.publisher(EVENTS, EVENT_TYPE, PARAMETERS_QOS)
@@ -192,13 +191,13 @@ class _ServiceEnd:
         self._waiting: dict[int, tuple[ServiceRequest, Message]] = {}
 
     def bind(self, name: str, type_name: str) -> None:
-        """Which service it is."""
+        """Set the service's name and type."""
         self.name, self._type = name.rpartition("/")[2], type_name
         self._request = codec_of(f"{type_name}_Request")
         self._response = codec_of(f"{type_name}_Response")
 
     def take(self, packet: ServiceRequest) -> tuple[int, Message]:
-        """A new id for a request, and its message. Raises PacketError."""
+        """Return a new id for a request, and its message. Raises PacketError."""
         number = self.server.next_id()
         message = self._request.decode(packet.data)
         if isinstance(message, MalformedCdr):
@@ -215,15 +214,15 @@ class _ServiceEnd:
         packet.reply(self._response.encode(response), time.time_ns())
 
     def asked(self, number: int) -> Message:
-        """The message of a request that waits."""
+        """Return the message of a waiting request."""
         return self._waiting[number][1]
 
     def ended(self, note: MotionNote) -> None:
-        """No motion comes from here."""
+        """Do nothing: this client begins no motion."""
 
 
 class _Answering(_ServiceEnd):
-    """Answers at once, without the arm."""
+    """Client that is answered at once, without the arm."""
 
     def __init__(self, server: CommandServer, answer: Callable[[Message], Message]) -> None:
         super().__init__(server)
@@ -234,10 +233,10 @@ class _Answering(_ServiceEnd):
         self.respond(number, self._answer(message))
 
     def done(self, request: Request, result: Any) -> None:
-        """It asks nothing of the arm."""
+        """Do nothing: it requests nothing of the arm."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """A malformed request was answered already."""
+        """Do nothing: a malformed request was answered already."""
 
 
 class _GetClient(_ServiceEnd):
@@ -255,7 +254,7 @@ class _GetClient(_ServiceEnd):
         self._answer(request.id, to_ros(result))
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """A session without an arm's model has no values."""
+        """Answer without values, which a session without an arm's model lacks."""
         if number in self._waiting:
             self._answer(number, {})
 
@@ -265,12 +264,12 @@ class _GetClient(_ServiceEnd):
 
 @dataclass(frozen=True)
 class _Change:
-    """A change that is carried out for itself: part of a request to set several parameters."""
+    """A single change of a request to set several parameters."""
 
     number: int
-    """Of its own."""
+    """Id of this change."""
     request: int
-    """Of the whole."""
+    """Id of the whole request."""
     index: int
     values: Mapping[Parameter, float]
     source: str
@@ -282,7 +281,7 @@ def _values_of(group: Mapping[str, Value]) -> dict[Parameter, float]:
 
 
 class _SetClient(_ServiceEnd):
-    """Sets each parameter for itself: each is a request to the arm of its own."""
+    """Sets each parameter by a separate request to the arm."""
 
     def __init__(self, server: CommandServer, table: ParameterServer) -> None:
         super().__init__(server)

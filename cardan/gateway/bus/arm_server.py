@@ -55,7 +55,7 @@ from cardan.protocols.ros2.zenoh import Attachment
 from cardan.types import NEVER_S, Twist, Wrench
 
 ENDS_KEPT = 32
-"""Ends of motions that wait for a request of their source: more than one has at a time."""
+"""Most ends of motions that wait for a request of their source, which rarely has more than one."""
 
 AT_ONCE = 8
 """Most messages of one endpoint that are passed on in one cycle."""
@@ -65,11 +65,12 @@ TOKENS_AT_ONCE = 32
 in 0.13 s at 250 Hz."""
 
 CONTEST_SHOWN_S = 5.0
-"""How long the diagnostics, which come once a second, warn of two that stream at once."""
+"""Time for which the diagnostics, published once a second, warn of two sources that stream at
+once."""
 
 GOALS_PERIOD_S = 0.01
-"""How often goals and parameters are looked for: looking costs 0.5 µs for each of their services,
-which are many, and a delay of 10 ms goes unnoticed."""
+"""Period of checks for goals and parameters: a check costs 0.5 µs for each of their many services,
+and a delay of 10 ms goes unnoticed."""
 
 SENDERS_KEPT = 64
 """Publishers of a topic whose sequence numbers are remembered."""
@@ -79,7 +80,7 @@ Offer = Callable[[Any, Any, float], None]
 
 
 HELD_AT_MOST = 32
-"""Most packets that wait for their sender's token: the oldest goes on without it."""
+"""Most packets that wait for their sender's token: the oldest is passed on without it."""
 
 _Input = tuple[Callable[[], Any], Any]
 """A poll, and the client of the worker that takes its packets."""
@@ -118,20 +119,20 @@ class ArmServer:
         actions: Sequence[ActionCommand] = ACTIONS,
         full: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`node` is open. `source`: the first word of all of them in the arm's authority, `owner`:
-        the source that has it now. `full`: whether packets should stay where they are for now."""
+        """`node` is open. `source`: first word of their names in the arm's authority, `owner`: the
+        source that has it now. `full`: whether no packets should be taken for now."""
         self._full = full
         self.now_s = NEVER_S
         """Time of the newest poll."""
         self._owner = owner
         self.refused = 0
-        """Messages and requests that were none: wrong type, wrong length."""
+        """Count of malformed messages and requests: wrong type, wrong length."""
         self.late = 0
-        """Messages that came twice, or after a newer one of the same publisher."""
+        """Count of messages that came twice, or after a newer one of the same publisher."""
         self.inhibited = ""
-        """Why nothing that commands the arm is taken, but stops; empty: it is."""
+        """Reason why only stops are taken; empty: all commands are."""
         self.contested = 0
-        """Streamed messages that were refused as another source has the authority."""
+        """Count of streamed messages refused because another source has the authority."""
         self._contest = ""
         self._contest_s = NEVER_S
         self._liveliness = LivelinessMonitor(node.zid)
@@ -140,21 +141,21 @@ class ArmServer:
         self._endless_without_watch = endless_without_watch
         self._arrived: list[tuple[Any, Any]] = []
         self.lost = 0
-        """Messages that newer ones of the same publisher had displaced before their turn."""
+        """Count of messages displaced by newer ones of the same publisher."""
         self._node, self._offer = node, offer
         self._ids = itertools.count(1)
         self._results = Results(node)
         self._telling = threading.Lock()
         self._inputs: list[_Input] = []
         self._held: list[_Held] = []
-        """In the order in which they came."""
+        """Held packets in order of arrival."""
         self.unnamed = Unnamed()
         self._notes = node.publisher(f"~/{MOTIONS_TOPIC}", MOTIONS_TYPE)
         asked = node.service(f"~/{ASK_SERVICE}", ASK_TYPE)
         self._inputs.append((asked.poll, _PacketClient(self)))
         self._stops: list[_Input] = []
         self._streamed: set[Any] = set()
-        """Clients of which only the newest packet counts."""
+        """Clients whose newest packet alone counts."""
         for command in topics:
             subscription = node.subscription(command.topic, command.type_name, command.depth)
             inputs = self._stops if command.verb == "stop" else self._inputs
@@ -176,7 +177,7 @@ class ArmServer:
         self._rare_due_s = -math.inf
 
     def poll(self, now_s: float) -> None:
-        """Pass on packets that have arrived, while the worker is full only stops; and update the
+        """Pass on packets that have arrived, only stops while the worker is full, and update the
         known clients."""
         self.now_s = now_s
         rare = now_s >= self._rare_due_s
@@ -205,8 +206,8 @@ class ArmServer:
             self._pass_on()
 
     def _pass_on_before_stops(self) -> None:
-        """Pass on packets that are there with a stop, whose order is unknown, so that the stop ends
-        their motions; but not those that its sender sent after it, by its own clock."""
+        """Pass on packets that arrived with a stop, whose order is unknown, so that the stop ends
+        their motions; without those that its sender sent after it, by its own clock."""
         stops, self._arrived = self._arrived, []
         self._collect((*self._inputs, *self._rare_inputs))
         self._take_tokens()
@@ -221,7 +222,7 @@ class ArmServer:
     def _is_later(
         self, packet: Received | ServiceRequest, before: Received | ServiceRequest
     ) -> bool:
-        """Whether one node sent both, and `packet` later."""
+        """Return whether one node sent both, and `packet` later."""
         one, other = packet.attachment, before.attachment
         if one is None or other is None or one.source_ns <= other.source_ns:
             return False
@@ -236,8 +237,9 @@ class ArmServer:
             self._liveliness.take(*change, self.now_s)
 
     def _collect_cancels(self, action: ArmAction) -> None:
-        """Collect the cancellations of an action's goals. Goals that are there by then came before
-        them or with them: they are accepted before, and begin after, unless they are canceled."""
+        """Collect the cancellations of an action's goals. Goals that are there by then arrived
+        before or with them: they are accepted first, and begin afterwards, unless they are
+        canceled."""
         arrived, self._arrived = self._arrived, []
         self._collect((action.cancels,))
         cancels, self._arrived = self._arrived, []
@@ -250,7 +252,7 @@ class ArmServer:
         self._arrived = [*arrived, *cancels]
 
     def _pass_on(self) -> None:
-        """Offer packets that have arrived, but for those that wait for their sender's token."""
+        """Offer packets that have arrived, without those that wait for their sender's token."""
         now_s = self.now_s
         for client, packet in self._arrived:
             at_once = client in self._never_wait or isinstance(packet, Ahead)
@@ -262,7 +264,7 @@ class ArmServer:
         self._arrived.clear()
 
     def _named_s(self, packet: Received | ServiceRequest) -> float:
-        """Until when `packet` waits for its sender's token."""
+        """Return the time until which `packet` waits for its sender's token."""
         if self._liveliness.knows(packet):
             return NEVER_S
         gid = b"" if packet.attachment is None else packet.attachment.gid
@@ -270,7 +272,7 @@ class ArmServer:
         return self.unnamed.until_s((gid, zid), self.now_s)
 
     def _hold(self, held: _Held) -> None:
-        """Have a packet wait; of a stream that it belongs to, the newest one waits."""
+        """Hold a packet; of a stream only the newest is held."""
         if held.client in self._streamed:
             self._held = [each for each in self._held if each.stream != held.stream]
         if len(self._held) >= HELD_AT_MOST:
@@ -297,8 +299,8 @@ class ArmServer:
 
     def watched(self, request: Request, packet: Received | ServiceRequest) -> Request:
         """Return `request`; a motion without end gets a check whether the sender of `packet` is
-        still on the bus. Raises PacketError if that cannot be seen, and for commands while the
-        server is `inhibited`. From any thread."""
+        still on the bus. Raises PacketError if such a check is impossible, and for commands while
+        the server is `inhibited`. From any thread."""
         if self.inhibited and request.verb in CHANGING - {"release"}:
             refusal = MotionRefusedError(f"{request.verb}: {self.inhibited}")
             raise PacketError(str(refusal), request.id) from refusal
@@ -313,8 +315,9 @@ class ArmServer:
         raise PacketError(str(why), request.id) from why
 
     def _client(self, packet: Received | ServiceRequest) -> Presence | None:
-        """Of a message its publisher, of a request its client's node: programs make clients for one
-        call; of a publisher that old releases of rmw_zenoh name at random its session."""
+        """Identify the client: a message's publisher, a request's node, because programs make
+        clients for one call; for a publisher that old releases of rmw_zenoh name at random, its
+        session."""
         liveliness, attachment = self._liveliness, packet.attachment
         if isinstance(packet, Received):
             known = None if attachment is None else liveliness.endpoint(attachment.gid)
@@ -322,16 +325,17 @@ class ArmServer:
         return None if attachment is None else liveliness.node(attachment.gid)
 
     def source(self, packet: Received | ServiceRequest) -> str:
-        """Name of the sender of `packet` in the arm's authority. In the thread that decodes."""
+        """Return the name of the sender of `packet` in the arm's authority. In the thread that
+        decodes."""
         return self.sources.of(packet, self.now_s).name
 
     def contested_by(self, source: str) -> str:
-        """The other source that has the authority; empty: none, or `source` itself."""
+        """Return the other source that has the authority; empty: none, or `source` itself."""
         owner = self._owner()
         return "" if owner == source else owner
 
     def contest(self, words: str) -> None:
-        """Count a streamed message that another source was in the way of."""
+        """Count a streamed message that another source blocked."""
         self.contested += 1
         self._contest, self._contest_s = words, self.now_s
 
@@ -354,11 +358,11 @@ class ArmServer:
 
     @property
     def running(self) -> bool:
-        """Whether the goal of an action moves the arm."""
+        """True while the goal of an action moves the arm."""
         return any(action.running for action in self._actions)
 
     def report(self, now: Instant, now_ns: int) -> None:
-        """Publish how far the goals are that move the arm."""
+        """Publish the progress of the goals that move the arm."""
         for action in self._actions:
             action.tell(now, now_ns)
 
@@ -367,7 +371,7 @@ class ArmServer:
         self._offer(client, packet, self.now_s)
 
     def key_end(self, type_name: str) -> str:
-        """How the keys of messages of this type end."""
+        """Return the end of the keys of messages of this type."""
         return key_end(self._node.key_of("/", type_name))
 
     def next_id(self) -> int:
@@ -377,7 +381,7 @@ class ArmServer:
     def tell(
         self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""
     ) -> None:
-        """Publish the outcome of a command of `source` that came on a topic. From any thread."""
+        """Publish the outcome of a command of `source` that arrived on a topic. From any thread."""
         with self._telling:
             self._results.put(command, sequence, outcome, reason, source)
 
@@ -389,20 +393,20 @@ class ArmServer:
 
 
 class _PacketClient:
-    """Programs that ask by packets, each as a source of its own name."""
+    """Programs that send packets, each as a source of its own name."""
 
     def __init__(self, server: ArmServer) -> None:
         self._server = server
         self._request = codec_of(f"{ASK_TYPE}_Request")
         self._response = codec_of(f"{ASK_TYPE}_Response")
         self._waiting: dict[int, tuple[ServiceRequest, int, str]] = {}
-        """The requests that wait for their answer, and the ids and sources that they have."""
+        """Waiting requests, with their ids and sources."""
         self._untold: deque[MotionNote] = deque(maxlen=ENDS_KEPT)
         """Ends of motions that are in no reply yet: a publication may arrive later than a reply
         that was sent after it."""
 
     def decode(self, packet: ServiceRequest) -> Request:
-        """The request in a service's request. Raises PacketError."""
+        """Decode the request in a service's request. Raises PacketError."""
         number = self._server.next_id()
         self._waiting[number] = packet, 0, ""
         message = self._request.decode(packet.data)
@@ -432,7 +436,7 @@ class _PacketClient:
         self._respond(number, lambda asked, ended: encode_error(asked, error, ended))
 
     def ended(self, note: MotionNote) -> None:
-        """Publish that a motion has ended, and tell it with the next reply to its source."""
+        """Publish that a motion has ended, and add it to the next reply to its source."""
         self._untold.append(note)
         self._server.note(encode_note(note))
 
@@ -443,7 +447,7 @@ class _PacketClient:
         if waiting is not None:
             ended = [note for note in tuple(self._untold) if note.source == source]
             for note in ended:
-                with contextlib.suppress(ValueError):  # Another thread has told it.
+                with contextlib.suppress(ValueError):  # Another thread has reported it.
                     self._untold.remove(note)
             reply = {"reply": encode(asked, ended).decode()}
             waiting.reply(self._response.encode(reply), time.time_ns())
@@ -454,50 +458,48 @@ class _Sender:
 
     def __init__(self, key: tuple[bytes, str] = (b"", "")) -> None:
         self.key = key
-        """Its GID, and the Zenoh session that gave its messages their timestamps: with another one
-        it is another publisher, whatever GID it gives."""
+        """Its GID, and the Zenoh session of its messages' timestamps: the same GID with another
+        session is another publisher."""
         self.source: Source | None = None
         """The program that it belongs to."""
         self.sequence, self.source_ns = -1, -1
         self.clock_runs = False
-        """Whether the stamps of its messages were seen to change."""
+        """True once the stamps of its messages were seen to change."""
         self.heard_s = NEVER_S
-        """When its newest message came."""
+        """Time of its newest message."""
         self.reported = ""
         """Last reason or outcome of its stream on the result topic."""
         self.note = ""
-        """Published with the next accepted command."""
+        """Remark, published with the next accepted command."""
 
 
 PUBLISHED_S = 0.05
-"""A stamp that is this near to the time at which its message was published on the bus was made
-then, as by a server for a client that gave none: it does not show for how long the client kept the
+"""Largest difference of a stamp to the time of publication on the bus at which it counts as made
+then, as by a server for a client without stamps: it does not show how long the client kept the
 message."""
 
 NO_STAMP = "its stamp is zero: it counts as sent when it came"
 
 
 class _TopicClient:
-    """A topic as a client of the worker: its answers are messages on the result topic.
-
-    Of a stream, whose commands come many times a second, only the first answer after a silence and
-    changes are published.
-    """
+    """A topic as a client of the worker: its answers are messages on the result topic. For a
+    stream, whose commands come many times a second, only changes and the first answer after a
+    silence are published."""
 
     def __init__(self, server: ArmServer, command: TopicCommand) -> None:
         self._server, self._command = server, command
         types = ((command.type_name, command.value), *command.also)
         self._delays = Delays()
-        """Delays of publishers of a stream, by when they say that they sent a message."""
+        """Delays of publishers of a stream, by their stamps of sending."""
         self._types = {server.key_end(name): (codec_of(name), value) for name, value in types}
         self._streamed = command.verb in SEQUENCED
         self._senders: dict[tuple[bytes, str], _Sender] = {}
         self._asked: dict[int, tuple[int, _Sender]] = {}
-        """The senders and their sequence numbers, by request and later by motion."""
+        """Senders and their sequence numbers, by request and later by motion."""
         self._nobody = _Sender()
 
     def decode(self, packet: Received) -> Request | None:
-        """The request in a message; None for a repeated one. Raises PacketError."""
+        """Decode the request in a message; None for a repeated one. Raises PacketError."""
         server, command = self._server, self._command
         attachment, waited_s = packet.attachment, 0.0
         if attachment is None:
@@ -562,8 +564,8 @@ class _TopicClient:
     def _check_connection(
         self, source: Source, request: Request, attachment: Attachment | None
     ) -> None:
-        """Raise PacketError for a packet that may have waited until its sender was connected:
-        libraries keep such messages. A sender's own stamp shows it, which the arm judges."""
+        """Raise PacketError for a packet that may have waited for its sender's connection:
+        libraries keep such messages. A sender's own stamp shows it, and the arm checks that."""
         connected_s = source.connected_s(self._server.now_s)
         if connected_s >= PROVEN_S:
             return
@@ -610,7 +612,7 @@ class _TopicClient:
         return sender
 
     def _source(self, sender: _Sender, packet: Received) -> Source:
-        """Return the source whose publisher `sender` is; that stays until it was silent."""
+        """Return the source of the publisher `sender`, which keeps it until it was silent."""
         server = self._server
         if server.now_s - sender.heard_s > STREAM_KEPT_S:
             sender.reported, sender.source = "", None
@@ -621,7 +623,7 @@ class _TopicClient:
         return server.sources.heard(sender.source, server.now_s)
 
     def _note_lost(self, sender: _Sender, first: int, last: int) -> None:
-        """Messages have been displaced; of a stream, whose newest one counts, that is no news."""
+        """Report displaced messages; not for a stream, whose newest message counts."""
         server, verb = self._server, self._command.verb
         server.lost += last - first + 1
         if not self._streamed:
@@ -634,7 +636,7 @@ class _TopicClient:
         return f"it takes {' or '.join(self._types)}, not {type_name} of {mark}"
 
     def done(self, request: Request, result: Any) -> None:
-        """Tell that a command was accepted, or a streamed one refused."""
+        """Report that a command was accepted, or a streamed one refused."""
         sequence, sender = self._pop(request.id)
         if isinstance(result, MotionNote):
             if result.outcome is Outcome.RUNNING:
@@ -653,7 +655,7 @@ class _TopicClient:
             self._tell_change(sender, sequence, str(result or ""))
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """Tell that a command was refused, and why."""
+        """Report that a command was refused, and why."""
         sequence, sender = self._pop(number or 0)
         if self._streamed:
             self._tell_change(sender, sequence, str(error))
@@ -661,7 +663,7 @@ class _TopicClient:
             self._server.tell(self._command.verb, sequence, "refused", str(error), _name(sender))
 
     def ended(self, note: MotionNote) -> None:
-        """Tell that a motion has ended."""
+        """Report that a motion has ended."""
         sequence, _ = self._pop(-note.id)
         outcome = "done" if note.outcome is Outcome.DONE else "aborted"
         self._server.tell(note.verb, sequence, outcome, note.reason, note.source)
@@ -688,7 +690,7 @@ class _ServiceClient:
         self._waiting: dict[int, ServiceRequest] = {}
 
     def decode(self, packet: ServiceRequest) -> Request | None:
-        """The request in a service's request; None where it asks nothing of the arm. Raises
+        """Decode the request in a service's request; None if it requests nothing of the arm. Raises
         PacketError."""
         server, command = self._server, self._command
         number = server.next_id()
@@ -711,7 +713,7 @@ class _ServiceClient:
         return None
 
     def done(self, request: Request, result: Any) -> None:
-        """Respond; of a motion, that it has begun."""
+        """Respond; for a motion, that it has begun."""
         if isinstance(result, MotionNote):
             response: Message = {"success": True, "message": result.note}
         else:
@@ -719,7 +721,7 @@ class _ServiceClient:
         self._respond(request.id, response)
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """Respond that it was refused, and why; where the response has no words, on the result
+        """Respond that it was refused, and why; if the response has no text field, on the result
         topic, too."""
         response = self._command.refusal(error)
         if "message" not in response:
@@ -727,7 +729,7 @@ class _ServiceClient:
         self._respond(number, response)
 
     def ended(self, note: MotionNote) -> None:
-        """The end of a motion was not asked for; `wait` is."""
+        """Do nothing: the end of a motion is the answer to `wait` only."""
 
     def _respond(self, number: int | None, response: Message) -> None:
         waiting = self._waiting.pop(number or 0, None)
@@ -748,7 +750,7 @@ def _seconds(stamp: Message) -> float:
 
 
 def _asks_nothing(value: Any) -> bool:
-    """Whether a streamed command asks for no motion and no force; a pose always asks."""
+    """Return whether a streamed command requests no motion and no force; a pose always does."""
     if isinstance(value, Twist):
         return not any((*value.linear, *value.angular))
     if isinstance(value, Wrench):

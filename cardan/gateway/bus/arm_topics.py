@@ -1,7 +1,7 @@
 """Topics of a session's arm: state, transforms, description, diagnostics, log.
 
-All messages of one instant are published together, after the robot's answer has left: the first
-one wakes Zenoh's sender, which costs ten times what each further one does.
+All messages of one instant are published together, after the robot's answer has been sent: the
+first one wakes Zenoh's sender, which costs ten times as much as each further one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cardan.spatial import compose, inverse
 from cardan.types import IDENTITY_POSE, Pose, RobotState
 
 DIAGNOSTICS_PERIOD_S = 1.0
-"""Period of /diagnostics: as rqt_robot_monitor expects, which takes a part for stale after 5 s."""
+"""Period of /diagnostics, as rqt_robot_monitor expects: it shows a part as stale after 5 s."""
 
 OK, WARN, ERROR, STALE = range(4)
 """Levels of diagnostics."""
@@ -49,7 +49,7 @@ class ArmNames:
 
 @dataclass
 class DiagnosticStatus:
-    """A row of /diagnostics."""
+    """Row of /diagnostics."""
 
     name: str
     """Name of the part of the session: "robot"."""
@@ -65,7 +65,7 @@ class _Stamped:
     def __init__(
         self, node: BusNode, names: Sequence[str], type_name: str, message: Message, *slots: str
     ) -> None:
-        """`names`: all topics that these messages are published on."""
+        """`names`: all topics on which these messages are published."""
         template = Template(type_name, message)
         self._publishers = [node.publisher(name, type_name) for name in names]
         self._data = template.data
@@ -93,7 +93,7 @@ class Diagnostics:
     def put(
         self, parts: Callable[[], Sequence[DiagnosticStatus]], now_s: float, now_ns: int
     ) -> None:
-        """Publish at most once a second; `parts` are made only then."""
+        """Publish at most once a second; `parts` is called only then."""
         if now_s < self._due_s:
             return
         self._due_s = now_s + DIAGNOSTICS_PERIOD_S
@@ -129,8 +129,8 @@ class ArmTopics:
         same: Mapping[str, Sequence[str]] = _NO_NAMES,
     ) -> None:
         """`period_s`: shortest time between two instants that are published. `node` is open; its
-        own name is before the arm's own topics, its namespace before those that all robots have.
-        `scene`: that of the arm, as JSON.
+        name is the prefix of the arm's own topics, its namespace that of the usual topics of
+        robots. `scene`: that of the arm, as JSON.
 
         `transforms`: "all": base to flange (/tf) and flange to TCP (/tf_static); "tool": only the
         latter, because a robot_state_publisher has the others. `same`: further topics for the
@@ -147,7 +147,7 @@ class ArmTopics:
             for name in ("joint_states", *same.get("joint_states", ()))
         ]
         self._joint_states: dict[tuple[bool, bool], Template] = {}
-        """By whether there are velocities and torques."""
+        """Templates by presence of velocities and torques."""
         self._pose = self._geometry("~/state/pose", "PoseStamped", "pose", header)
         self._target = self._geometry("~/state/target", "PoseStamped", "pose", header)
         self._twist = self._geometry("~/state/twist", "TwistStamped", "twist", header)
@@ -155,7 +155,7 @@ class ArmTopics:
         self._status = node.publisher("~/state/status", _STATUS)
         self._status_texts: tuple[object, ...] = ()
         self._status_template: Template | None = None
-        """Template of the newest status; None until its texts came a second time."""
+        """Template of the newest status; None until its texts have occurred twice."""
         self._shown: tuple[ArmStatus, Message] | None = None
         """Status and message of the newest instant."""
         self._diagnostics = Diagnostics(node)
@@ -201,7 +201,7 @@ class ArmTopics:
     # -- for the loop ----------------------------------------------------------------------------
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time to publish."""
+        """Return whether the state is due for publication."""
         return now_s >= self._due_s
 
     def publish(
@@ -300,7 +300,7 @@ class ArmTopics:
         self._status.put(codec_of(_STATUS).encode(message), now_ns)
 
     def put_snapshot(self, text: str, now_ns: int) -> None:
-        """Publish the session's snapshot, which is JSON."""
+        """Publish the session's snapshot as JSON."""
         self._snapshots.put(codec_of(_STRING).encode({"data": text}), now_ns)
 
     def put_diagnostics(self, parts: Sequence[DiagnosticStatus], now_s: float, now_ns: int) -> None:

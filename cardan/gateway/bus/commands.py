@@ -1,8 +1,6 @@
-"""The commands of the Cartesian server: topics and services, and the verbs that they stand for.
-
-Source: Łukawski et al. 2025 ("YARP, ROS 2, Cartesian, web"), Table 1, with the corrections that
-docs/ros2.md lists; the services with an answer, and the result topic, are Cardan's own.
-"""
+"""The commands of the Cartesian server: topics and services, and their verbs. Source: Łukawski et
+al. 2025 ("YARP, ROS 2, Cartesian, web"), Table 1, with the corrections in docs/ros2.md; the
+services with an answer, and the result topic, are extensions of Cardan."""
 
 from __future__ import annotations
 
@@ -28,19 +26,18 @@ ASK_SERVICE, ASK_TYPE = "ask", "cardan_msgs/srv/Ask"
 """All verbs as the packets of :mod:`cardan.gateway.arm.requests`, below the arm's node."""
 
 MOTIONS_TOPIC, MOTIONS_TYPE = "motions", "std_msgs/msg/String"
-"""The notes of motions that were asked for by packets."""
+"""Notes of motions that were requested by packets."""
 
 
 REARM_APART_S = 2.0
-"""Between two messages that re-arm: `ros2 topic pub` repeats its message each
-second."""
+"""Least time between two messages that re-arm: `ros2 topic pub` repeats its message each second."""
 
 
 class Asks(NamedTuple):
     """Request of a message that names its own verb; given as the value of its command."""
 
     verb: str = ""
-    """Empty: nothing of the arm."""
+    """The verb; empty: none."""
 
 
 class TopicCommand(NamedTuple):
@@ -50,22 +47,22 @@ class TopicCommand(NamedTuple):
     type_name: str
     verb: str
     value: Callable[[Message], Any]
-    """The verb's argument of a message, or an :class:`Asks`; raises MotionRefusedError."""
+    """Converts a message to the verb's argument, or an :class:`Asks`; raises MotionRefusedError."""
     depth: int = 8
-    """Messages that are kept until their turn: 1 of a stream, whose newest one counts."""
+    """Most messages that wait for their turn: 1 for a stream, whose newest one counts."""
     begins: bool = False
     """True for a stream that chooses its preset by itself."""
     dated: bool = False
-    """Of one that does: whether only by messages whose publisher says when it sent them."""
+    """True for such a stream if only messages with their time of sending may do so."""
     stamped: bool = False
-    """Of a stream: whether the stamp of its header, where it has one, says when it was sent."""
+    """For a stream: whether the stamp of its header, if any, is the time of sending."""
     also: tuple[tuple[str, Callable[[Message], Any]], ...] = ()
-    """Further types on the same topic, and the argument of a message of each."""
+    """Further types on the same topic, each with its conversion to the argument."""
     always: bool = False
-    """Whether it is carried out though it came twice, or after a newer one."""
+    """True if it is carried out even when it came twice, or after a newer one."""
     apart_s: float = 0.0
-    """For how long its publisher must have sent none before it: of a command that re-arms,
-    which a publisher that repeats it all the time does not do."""
+    """Time for which its publisher must have sent none before it: for a command that re-arms, which
+    a repeating publisher must not trigger."""
 
 
 class Instant(NamedTuple):
@@ -75,10 +72,10 @@ class Instant(NamedTuple):
     """Stamp of the measurement, since the epoch."""
     frame: str
     pose: Pose | None
-    """Measured, of the TCP."""
+    """Measured pose of the TCP."""
     robot: RobotState
     desired: tuple[Sequence[float], Sequence[float], int] | None = None
-    """Joint positions and velocities that a trajectory has now, and the index of its point."""
+    """Present joint positions and velocities of a trajectory, and the index of its point."""
 
 
 def _pose_feedback(now: Instant) -> Message:
@@ -99,31 +96,31 @@ def _words_of(reason: str, _error: CardanError | None) -> Message:
 
 
 class ActionCommand(NamedTuple):
-    """A motion that comes as the goal of an action."""
+    """A motion requested as the goal of an action."""
 
     action: str
     type_name: str
     verb: str
     value: Callable[[Message], Any] = lambda _goal: None
-    """The verb's argument of a goal; raises MotionRefusedError."""
+    """Converts a goal to the verb's argument; raises MotionRefusedError."""
     result: Callable[[str, CardanError | None], Message] = _words_of
-    """The result, for the reason why the goal was not reached, or "", and for the error."""
+    """Makes the result from the reason why the goal was not reached, or "", and the error."""
     feedback: Callable[[Instant], Message] = _pose_feedback
 
 
 class ServiceCommand(NamedTuple):
-    """A command that comes as a request to a service."""
+    """A command requested by a service."""
 
     service: str
     type_name: str
     verb: str
     value: Callable[[Message], Any] = lambda _request: None
-    """The verb's argument of a request, or an :class:`Asks`; raises MotionRefusedError."""
+    """Converts a request to the verb's argument, or an :class:`Asks`; raises MotionRefusedError."""
     answer: Callable[[Any], Message] = lambda _result: {"success": True, "message": ""}
-    """The response for the verb's result."""
+    """Makes the response from the verb's result."""
 
     def refusal(self, error: CardanError) -> Message:
-        """The response where the verb was refused."""
+        """Make the response for a refused verb."""
         return refusal(self.type_name, str(error))
 
 
@@ -135,12 +132,12 @@ def _vector(message: Mapping[str, Any]) -> tuple[float, float, float]:
 
 
 def twist_of(message: Mapping[str, Any]) -> list[float]:
-    """Twist of a geometry_msgs/Twist: m/s, rad/s."""
+    """Convert a geometry_msgs/Twist: m/s, rad/s."""
     return [*_vector(message["linear"]), *_vector(message["angular"])]
 
 
 def wrench_of(message: Mapping[str, Any]) -> list[float]:
-    """Wrench of a geometry_msgs/Wrench: N, N·m."""
+    """Convert a geometry_msgs/Wrench: N, N·m."""
     return [*_vector(message["force"]), *_vector(message["torque"])]
 
 
@@ -178,7 +175,7 @@ def joint_speeds(names: Sequence[str]) -> Callable[[Message], list[float]]:
 
 
 def action_of(code: int) -> Action:
-    """The gripper's action of a code on ROS 2."""
+    """Return the gripper's action of a code on ROS 2."""
     if code not in ROS_ACTIONS:
         raise MotionRefusedError(f"act: {code} is no action; 1 opens, 2 closes, 3 stops")
     return ROS_ACTIONS[code]
@@ -199,12 +196,12 @@ def _signal(verb: str, always: bool = False, apart_s: float = 0.0) -> TopicComma
 
 
 class _OnRos(NamedTuple):
-    """How an argument of verbs comes on ROS 2."""
+    """Representation of a verb's argument on ROS 2."""
 
     message: str
     """Type of a topic's message."""
     value: Callable[[Message], Any]
-    """The verb's argument of a message, or of the `field` of a request or a goal."""
+    """Converts a message, or the `field` of a request or a goal, to the verb's argument."""
     field: str
     words: str
     """Name of the types of cardan_msgs: the service is of srv/WORDS, the action of action/WORDS."""
@@ -219,7 +216,7 @@ _ON_ROS: Mapping[Takes, _OnRos] = {
 _KNOWN = [verb for verb in VERB_TABLE.values() if verb.takes in _ON_ROS]
 _STREAMS = [verb for verb in _KNOWN if verb.preset is not None]
 _ACTS = [verb for verb in _KNOWN if verb.preset is None and verb.changes]
-"""Motions and the choice of a tool."""
+"""Motions, and the choice of a tool."""
 
 
 def _topic(verb: Verb) -> TopicCommand:
@@ -295,7 +292,8 @@ begun, or why not; `wait` answers whether it arrived."""
 
 
 def stat_command(base: str) -> ServiceCommand:
-    """TCP pose in the frame `base`, stamped with the time of the measurement."""
+    """Return the command for the TCP pose in the frame `base`, stamped with the time of the
+    measurement."""
 
     def answer(stat: Stat) -> Message:
         x, y, z, *rotation = stat.pose
@@ -324,4 +322,4 @@ ACTIONS = (
     *(_action(verb) for verb in _ACTS if verb.begins_motion),
     ActionCommand("~/action/gcmp", "cardan_msgs/action/CompensateGravity", "gcmp"),
 )
-"""The motions once more, as actions: they tell where the arm is, and when and why they ended."""
+"""Motions as actions, which report the arm's pose, and the time and reason of their end."""

@@ -1,8 +1,7 @@
-"""Names by which foreign programs command an arm, and read its state.
-
-Each set of names is a table: of topics and services and the verbs that they stand for, and of
-topics that show what the arm's own ones show. Nothing here limits, watches or plans: all of it ends
-at the verbs of the one controller, and commands that it cannot carry out are refused in words.
+"""Names by which other software commands an arm, and reads its state. Each set of names is a table:
+topics and services with their verbs, and topics with the content of the arm's own ones. No limits,
+checks or plans here: all commands end at the verbs of the one controller, and those that it cannot
+carry out are refused with a reason.
 
 Sources: MoveIt Servo (moveit_servo, its ServoParameters and ServoStatus); CRTK (Collaborative
 Robotics Toolkit, api-robot-motion and api-operating-state); FZI cartesian_controllers; YARP's joint
@@ -40,25 +39,25 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 JOINTS = "sensor_msgs/msg/JointState"
 
 STEP_S = 1e-4
-"""Time over which the TCP's speed is taken from the speeds of its joints: at 3 rad/s the way bends
-by 2e-4 of itself in it, and nothing is lost in rounding."""
+"""Time step for the TCP's speed from the speeds of its joints: at 3 rad/s the curvature is 2e-4 of
+the distance, and rounding stays negligible."""
 
 NamesOf = Literal["servo", "crtk", "fzi", "cmd_vel", "yarp"]
 
 
 class PublishedState(NamedTuple):
-    """State of the arm as it is published under other names."""
+    """State of the arm as published under other names."""
 
     stamp_ns: int
     """Stamp of the robot's state, since the epoch."""
     robot: RobotState
     status: ArmStatus
     inhibited: str = ""
-    """Why nothing may move until re-armed; empty: it may."""
+    """Reason why nothing may move until re-armed; empty: motion is allowed."""
     commanded: tuple[list[float], list[float]] | None = None
-    """Joint positions and velocities that are commanded; None where none are."""
+    """Commanded joint positions and velocities; None: not commanded."""
     tcp: Callable[[RobotState], Pose | None] = lambda _robot: None
-    """The TCP in the base by the joints of a state; None where they are not the arm's."""
+    """Computes the TCP in the base from the joints of a state; None if they are not the arm's."""
 
     @classmethod
     def of(
@@ -69,7 +68,7 @@ class PublishedState(NamedTuple):
         now_s: float,
         now_ns: int,
     ) -> PublishedState:
-        """State of one instant; `now_s` monotonic, `now_ns` since the epoch."""
+        """Make the state of one instant; `now_s` monotonic, `now_ns` since the epoch."""
         stamp_ns = now_ns - int((now_s - robot.stamp_s) * 1e9)
         if verbs is None:
             return cls(stamp_ns, robot, status)
@@ -81,14 +80,14 @@ class PublishedState(NamedTuple):
 
     @property
     def header(self) -> Message:
-        """A std_msgs/Header with its time."""
+        """Return a std_msgs/Header with its time."""
         stamp = {"sec": self.stamp_ns // 10**9, "nanosec": self.stamp_ns % 10**9}
         return {"stamp": stamp, "frame_id": ""}
 
     @property
     def twist(self) -> Twist | None:
-        """Measured, of the TCP along the axes of the base; None where the robot does not report
-        the speeds of its joints."""
+        """Measured twist of the TCP along the base's axes; None if the robot does not report the
+        speeds of its joints."""
         robot = self.robot
         if not robot.joints or len(robot.velocities) != len(robot.joints):
             return None
@@ -104,7 +103,7 @@ class PublishedState(NamedTuple):
 
     @property
     def faulty(self) -> bool:
-        """Whether nothing can move the arm until something is done about it."""
+        """True if the arm cannot move until an operator acts."""
         return self.status.phase is Phase.NO_ROBOT or bool(self.inhibited)
 
 
@@ -114,7 +113,7 @@ class TopicPublication(NamedTuple):
     topic: str
     type_name: str
     message: Callable[[PublishedState], Message | None]
-    """Message of an instant; None where there is nothing to tell."""
+    """Makes the message of an instant; None if there is none."""
 
 
 class Names(NamedTuple):
@@ -123,7 +122,7 @@ class Names(NamedTuple):
     topics: tuple[TopicCommand, ...] = ()
     services: tuple[ServiceCommand, ...] = ()
     same: Mapping[str, tuple[str, ...]] = {}
-    """Topics with the very messages of the arm's own, by the names of these."""
+    """Topics with the same messages as the arm's own, by the names of these."""
     published: tuple[TopicPublication, ...] = ()
 
 
@@ -131,7 +130,7 @@ class ServoScales(NamedTuple):
     """Units of the commands of MoveIt Servo."""
 
     unitless: bool = True
-    """Whether they are shares of the speeds below; otherwise m/s and rad/s."""
+    """True: shares of the speeds below; False: m/s and rad/s."""
     linear_m_s: float = 0.4
     angular_rad_s: float = 0.8
     joint_rad_s: float = 0.5
@@ -141,17 +140,17 @@ class ServoScales(NamedTuple):
 
 
 class _Frames:
-    """Reads the values of stamped messages, in the frames that the arm knows."""
+    """Reads the values of stamped messages, in the frames known to the arm."""
 
     def __init__(self, names: ArmNames, unnamed: Frame | None = None) -> None:
-        """`unnamed`: meaning of an empty frame_id; None: it is refused."""
+        """`unnamed`: meaning of an empty frame_id; None: refused."""
         self.names = names
         self._frames = {names.tcp: Frame.TOOL, names.base: Frame.BASE}
         if unnamed is not None:
             self._frames[""] = unnamed
 
     def frame(self, message: Message) -> Frame:
-        """Frame of a message with a header. Raises MotionRefusedError."""
+        """Return the frame of a message with a header. Raises MotionRefusedError."""
         given = message["header"]["frame_id"]
         frame = self._frames.get(given)
         if frame is None:
@@ -173,7 +172,7 @@ class _Frames:
         return Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), self.frame(message))
 
     def rates(self, given: Sequence[str], values: Sequence[float], what: str) -> list[float]:
-        """Rates of all joints of the arm, rad/s: those that are not named rest. Raises
+        """Return rates of all joints of the arm, rad/s: 0 for those that are not named. Raises
         MotionRefusedError."""
         joints = self.names.joints
         if len(given) != len(values):
@@ -189,21 +188,21 @@ class _Frames:
         return [found.get(name, 0.0) for name in joints]
 
     def rates_or_all(self, given: Sequence[str], values: Sequence[float], what: str) -> list[float]:
-        """The same; without names they are those of all joints in the arm's order."""
+        """Return rates of all joints, rad/s; without names `values` are in the arm's order."""
         if not given and len(values) == len(self.names.joints):
             return list(values)
         return self.rates(given, values, what)
 
 
 class _CommandSwitch:
-    """Accepts or refuses the commands under one set of names, whatever the others do."""
+    """Accepts or refuses the commands under one set of names, independently of the others."""
 
     def __init__(self) -> None:
         self.refusal = ""
         """Reason for refusing commands; empty while they are accepted."""
 
     def when_on(self, value: Callable[[Message], Any]) -> Callable[[Message], Any]:
-        """`value`, refused while there is a reason to."""
+        """Return `value`, which raises while there is a reason for refusal."""
 
         def checked(message: Message) -> Any:
             if self.refusal:
@@ -221,7 +220,7 @@ def _refusing(why: str) -> Callable[[Message], NoReturn]:
 
 
 def _no_positions(speeds: str, pose: str) -> str:
-    """Why joint positions are refused, with the names of the alternatives."""
+    """Return why joint positions are refused, with the names of the alternatives."""
     return (
         f"joint positions are not streamed: stream speeds by {speeds}, send a pose by {pose}, or "
         "a plan by the action follow_joint_trajectory"
@@ -257,11 +256,11 @@ INVALID, NO_WARNING, NEAR_SINGULARITY, AT_SINGULARITY = -1, 0, 1, 2
 NEAR_COLLISION, AT_COLLISION, JOINT_BOUND = 4, 5, 6
 
 HALTED = 0.05
-"""Share of the asked speed below which the arm is as good as halted."""
+"""Share of the requested speed below which the arm counts as halted."""
 
 
 def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
-    """Names of MoveIt Servo, below the name `servo` of its node."""
+    """Return the names of MoveIt Servo, below the name `servo` of its node."""
     frames, commands = _Frames(names), _CommandSwitch()
 
     def scaled(numbers: Sequence[float], scale: float) -> list[float]:
@@ -322,8 +321,8 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
 
 
 def servo_status(shown: PublishedState, paused: str = "") -> Message:
-    """A moveit_msgs/msg/ServoStatus. Its code has one of the things that limit the arm, its text
-    all; a singularity that the arm leaves is not told apart from one it goes to."""
+    """Make a moveit_msgs/msg/ServoStatus. Its code has one of the limits that act, its text all;
+    leaving and approaching a singularity are not distinguished."""
     status, code = shown.status, NO_WARNING
     words = [paused, shown.inhibited, status.message]
     if status.phase is Phase.NO_ROBOT:
@@ -347,7 +346,8 @@ def servo_status(shown: PublishedState, paused: str = "") -> Message:
 
 
 def cmd_vel_names(names: ArmNames) -> Names:
-    """Names of programs that drive by cmd_vel, stamped or not: teleop_twist_keyboard, rqt."""
+    """Return the names of programs that drive by cmd_vel, stamped or not: teleop_twist_keyboard,
+    rqt."""
     frames = _Frames(names)
 
     def stamped(message: Message) -> Any:
@@ -369,7 +369,7 @@ def cmd_vel_names(names: ArmNames) -> Names:
 
 
 def fzi_names(names: ArmNames) -> Names:
-    """Names of FZI's cartesian_motion_controller and cartesian_force_controller."""
+    """Return the names of FZI's cartesian_motion_controller and cartesian_force_controller."""
     frames = _Frames(names)
     return Names(
         (
@@ -385,7 +385,7 @@ def fzi_names(names: ArmNames) -> Names:
 
 
 class _Operating:
-    """The operating state of CRTK, which is about its own commands only."""
+    """The operating state of CRTK, for its own commands only."""
 
     def __init__(self) -> None:
         self.switch = _CommandSwitch()
@@ -394,7 +394,7 @@ class _Operating:
 
     @property
     def state(self) -> str:
-        """Source: CRTK, api-operating-state."""
+        """Present operating state. Source: CRTK, api-operating-state."""
         if self._disabled:
             return "DISABLED"
         if self._faulty:
@@ -425,7 +425,7 @@ class _Operating:
         return Asks("acknowledge" if word == "enable" and state == "FAULT" else "")
 
     def tell(self, shown: PublishedState) -> Message:
-        """A crtk_msgs/OperatingState."""
+        """Make a crtk_msgs/OperatingState."""
         self._faulty = shown.faulty
         return {
             "header": shown.header,
@@ -443,11 +443,11 @@ _TRANSITIONS = {
     "home": ("ENABLED",),
     "unhome": ("ENABLED",),
 }
-"""The words of state_command, and the states in which each is possible."""
+"""Words of state_command, with the states in which each is possible."""
 
 
 def crtk_names(names: ArmNames) -> Names:
-    """Names of the Collaborative Robotics Toolkit, in the namespace of the arm."""
+    """Return the names of the Collaborative Robotics Toolkit, in the namespace of the arm."""
     frames, operating = _Frames(names, unnamed=Frame.BASE), _Operating()
 
     def rates(message: Message) -> list[float]:
@@ -501,8 +501,8 @@ def crtk_names(names: ArmNames) -> Names:
 
 
 def yarp_names(names: ArmNames) -> Names:
-    """Names of YARP's controlBoard_nws_ros2, below the arm's node: its topic `topic_name` is
-    ~/state, and `msgs_name` is the node."""
+    """Return the names of YARP's controlBoard_nws_ros2, below the arm's node: its topic
+    `topic_name` is ~/state, and `msgs_name` is the node."""
     frames = _Frames(names)
 
     def rates(message: Message) -> list[float]:
@@ -533,7 +533,7 @@ def yarp_names(names: ArmNames) -> Names:
 
 
 class _PublishedTopic:
-    """A topic with a message of its own, which is encoded anew only when it changes."""
+    """A topic with a message of its own, which is encoded only when it changes."""
 
     def __init__(self, node: BusNode, published: TopicPublication) -> None:
         self._publisher = node.publisher(published.topic, published.type_name)
@@ -551,7 +551,7 @@ class _PublishedTopic:
 
 
 class NamesTopics:
-    """Publishes messages of the sets of names that the arm's own topics do not have. For the
+    """Publishes those messages of the sets of names that the arm's own topics lack. For the
     loop."""
 
     def __init__(self, node: BusNode, sets: Sequence[Names]) -> None:
@@ -567,7 +567,7 @@ class NamesTopics:
 
 
 def same_topics(sets: Sequence[Names]) -> dict[str, list[str]]:
-    """Further topics for the messages of the arm's own, of all sets."""
+    """Return further topics for the messages of the arm's own, of all sets."""
     found: dict[str, list[str]] = {}
     for names in sets:
         for own, others in names.same.items():
@@ -578,7 +578,7 @@ def same_topics(sets: Sequence[Names]) -> dict[str, list[str]]:
 def other_names(
     which: Sequence[NamesOf], names: ArmNames, servo: str, scales: ServoScales
 ) -> list[Names]:
-    """The sets of names that were chosen, for an arm."""
+    """Return the chosen sets of names for an arm."""
     made: dict[str, Callable[[], Names]] = {
         "servo": lambda: servo_names(servo, names, scales),
         "crtk": lambda: crtk_names(names),

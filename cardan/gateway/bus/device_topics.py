@@ -1,9 +1,9 @@
 """The session's operator device on the bus, under the names of ROS 2's spacenav_node and joy_node.
 
-Numbers are those of the stock nodes: a full deflection is 350/512 on `spacenav/*`, where
-spacenav_node has a SpaceMouse's 350 counts by its full_scale, and 1 on `joy`. Unlike those nodes it
-publishes nothing while the device is not live, after zeros once: a missing device must not look
-like an operator at rest.
+Numbers are those of the stock nodes: a full deflection is 1 on `joy`, and 350/512 on `spacenav/*`:
+a SpaceMouse's 350 counts over spacenav_node's full_scale. Unlike those nodes it publishes nothing
+while the device is not live, after zeros once: a missing device must not look like an operator at
+rest.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ IMU = "sensor_msgs/msg/Imu"
 SPACENAV_FULL = 350.0 / 512.0
 
 MOVING_PERIOD_S = 0.008
-"""Shortest time between messages of a device that is moved: no SpaceMouse reports faster."""
+"""Shortest time between messages of a moving device: no SpaceMouse reports faster."""
 
 REST_PERIOD_S = 0.03
-"""Between those of one at rest: spacenav_node's zeros."""
+"""Time between messages of a device at rest: spacenav_node's zeros."""
 
 JOY_PERIOD_S = 0.05
-"""Between those on `joy`, unless a button changes: joy_node's autorepeat_rate of 20 Hz."""
+"""Time between messages on `joy`, unless a button changes: joy_node's autorepeat_rate of 20 Hz."""
 
 RUMBLE_TOPIC, RUMBLE_TYPE, RUMBLE = "joy/set_feedback", "sensor_msgs/msg/JoyFeedback", 1
 
 RUMBLE_ENDS_S = 1.0
-"""A rumble that is not asked for again ends, as joy_node's does."""
+"""Time after which a rumble without a new request ends, as joy_node's does."""
 
 IMU_PERIOD_S = 0.004
-"""Shortest time between two measurements that are published: a Wii Remote has 100 a second, bunched
-by Bluetooth."""
+"""Shortest time between two published measurements: a Wii Remote has 100 a second, bunched by
+Bluetooth."""
 
 NS = 1_000_000_000
 
@@ -47,8 +47,8 @@ class DeviceTopics:
     """Publishes an operator device. For the loop's thread."""
 
     def __init__(self, node: BusNode, buttons: Sequence[str], *, inertia: bool = False) -> None:
-        """`buttons` in the order of the messages; those that show up later come behind them.
-        `inertia`: the device has inertial sensors."""
+        """`buttons` in the order of the messages; those that appear later are appended. `inertia`:
+        the device has inertial sensors."""
         self._publishers = [
             node.publisher("spacenav/offset", VECTOR),
             node.publisher("spacenav/rot_offset", VECTOR),
@@ -71,10 +71,10 @@ class DeviceTopics:
         self._stamp_s = 0.0
         self._held: frozenset[str] = frozenset()
         self._silent = True
-        """It is not live, and that was told by zeros."""
+        """True if the device is not live, and zeros were published for it."""
 
     def offer(self, device: DeviceState, now_s: float, now_ns: int) -> None:
-        """Publish the device's state, if it is time to."""
+        """Publish the device's state if it is due."""
         if self._imu is not None and device.inertia is not None:
             self._imu.offer(device.inertia, device.stamp_s, now_s, now_ns)
         live = device.link is DeviceLink.LIVE
@@ -108,7 +108,7 @@ class DeviceTopics:
         self._spacenav_joy.put(axes, buttons, now_ns)
 
     def rumble(self, now_s: float) -> float:
-        """How strongly the network asks the device to rumble, 0..1."""
+        """Return the rumble that the network requests of the device, 0..1."""
         while (received := self._feedback.poll()) is not None:
             message = codec_of(RUMBLE_TYPE).decode(received.data)
             if isinstance(message, MalformedCdr) or message["type"] != RUMBLE:
@@ -126,7 +126,7 @@ class _Imu:
         self._publisher = publisher
         message = default_message(IMU)
         message["header"]["frame_id"] = "imu"
-        unknown = [-1.0] + [0.0] * 8  # sensor_msgs/Imu: there is no estimate of it.
+        unknown = [-1.0] + [0.0] * 8  # sensor_msgs/Imu: the orientation is not estimated.
         message["orientation_covariance"] = unknown
         template = Template(IMU, message)
         self._data = template.data
@@ -137,7 +137,7 @@ class _Imu:
         self._stamp_s = NEVER_S
 
     def offer(self, inertia: Inertia, stamp_s: float, now_s: float, now_ns: int) -> None:
-        """Publish it, unless it is that of before; `stamp_s`: when it was measured."""
+        """Publish it unless it was published already; `stamp_s`: time of measurement."""
         if stamp_s - self._stamp_s < IMU_PERIOD_S:
             return
         self._stamp_s = stamp_s

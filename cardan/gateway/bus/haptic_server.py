@@ -1,10 +1,10 @@
 """A haptic device on the bus, under the names of YARP's wrapper for ROS 2.
 
-The names are those of the wrapper today, and those that the paper of 2026 prints ("Bilateral haptic
-teleoperation bridging YARP and ROS 2 ecosystems", Table 1), each set a table.
-Sources: robotology/yarp-devices-ros2, hapticDevice_nws_ros2 and yarp_control_msgs. Its units are
-corrected: N and N·m, and poses along the axes of the hand frame. Nothing here limits or watches a
-force: a program's feedback goes to `FeedbackSink`, and from there the way of every force.
+The names are those of the present wrapper, and those of the paper of 2026 ("Bilateral haptic
+teleoperation bridging YARP and ROS 2 ecosystems", Table 1), one table for each. Sources:
+robotology/yarp-devices-ros2, hapticDevice_nws_ros2 and yarp_control_msgs. Its units are corrected:
+N and N·m, and poses along the axes of the hand frame. No limits or checks of forces here: a
+program's feedback goes to `FeedbackSink`, and is treated like any force.
 """
 
 from __future__ import annotations
@@ -59,25 +59,26 @@ LOOK_PERIOD_S = 0.01
 unnoticed, and a flood of them takes little of the loop's time."""
 
 MESSAGE_BYTES, REQUEST_BYTES = 1024, 256
-"""Longest message and request that are read, twice those that make sense: longer ones would take
-the time of the loop, a request for many parameters milliseconds."""
+"""Longest message and request that are read, twice the longest valid ones: longer ones would delay
+the loop, by milliseconds for a request for many parameters."""
 
 SENDERS_KEPT = 64
 """Publishers whose last outcome is remembered."""
 
 
 class FeedbackSink(Protocol):
-    """Takes the feedback that programs publish."""
+    """Receives the feedback that programs publish."""
 
     why_no_torques: str
-    """Why joint torques cannot be given here; empty: they can, if the device takes them."""
+    """Reason why joint torques are refused here; empty: they are accepted if the device takes
+    them."""
 
     def give(self, publisher: int, sequence: int, asked: Vector3, now_s: float) -> str:
         """Take a feedback along the axes of the transformation, N, or the torques of the joints,
-        N·m. Returns why not; empty when it was taken."""
+        N·m. Return why not; empty when it was taken."""
 
     def stop(self) -> str:
-        """No feedback until the next. Returns why not."""
+        """Render no feedback until the next one. Return why not."""
 
 
 class _State(Protocol):
@@ -96,27 +97,27 @@ class _Service(NamedTuple):
     name: str
     type_name: str
     answer: Callable[[_State, Message], Message]
-    """The response; raises CardanError, whose words are the answer then."""
+    """Makes the response; raises CardanError, whose text is the answer then."""
     changes: bool = False
-    """Whether it changes the device's output; but for a stop of the force."""
+    """True if it changes the device's output; False for a stop of the force."""
 
 
 class _Taken(NamedTuple):
     topic: str
     type_name: str
     value: Callable[[Message], Any]
-    """Value of a message; raises CommandError."""
+    """Converts a message to its value; raises CommandError."""
 
 
 class HapticNames(NamedTuple):
     """A set of names."""
 
     state: tuple[str, ...]
-    """Topics that are published."""
+    """Published topics."""
     feedback: _Taken
     services: tuple[_Service, ...]
     others: tuple[_Taken, ...] = ()
-    """Further topics that are listened to."""
+    """Further topics that are subscribed to."""
 
 
 # -- values ---------------------------------------------------------------------------------------
@@ -173,7 +174,7 @@ def _get_force_mode(server: _State, _request: Message) -> Message:
 
 
 def mode_of(haptic: IHapticDevice) -> str:
-    """One of MODES."""
+    """Return the present mode, one of MODES."""
     return MODES[0 if haptic.is_cartesian_force_mode_enabled() else 1]
 
 
@@ -189,7 +190,7 @@ PRESENT = HapticNames(
         _Service("set_transform", SET_TRANSFORM, _set_transform, changes=True),
     ),
 )
-"""Names of the wrapper today; with the parameter mode_feedback."""
+"""Names of the present wrapper; with the parameter mode_feedback."""
 
 PAPER = HapticNames(
     ("state/pose", "state/buttons", "state/force_feedback", "state/transform", "state/force_mode"),
@@ -204,7 +205,7 @@ PAPER = HapticNames(
     ),
     (_Taken("set_transformation", TRANSFORM, _pose_of),),
 )
-"""Names of the paper; force_mode and set_transformation also as the topics they were before."""
+"""Names of the paper; force_mode and set_transformation also as the topics of earlier versions."""
 
 ALL = (PRESENT, PAPER)
 
@@ -221,13 +222,14 @@ class HapticServer:
         *,
         period_s: float,
     ) -> None:
-        """`node` is open and of its own name. `haptic` is of `device`; without a `feedback` the
-        device is shown and nothing is taken. `period_s`: shortest time between two states."""
+        """`node` is open and used by this server alone. `haptic` belongs to `device`; without a
+        `feedback` the device is published and no feedback is taken. `period_s`: shortest time
+        between two states."""
         self.haptic = haptic
         self.refused = 0
         """Messages and requests that were refused."""
         self.inhibited = ""
-        """Why only stops of the feedback are taken; empty: all is."""
+        """Reason why only stops of the feedback are taken; empty: all is."""
         self._node, self._device, self._feedback = node, device, feedback
         self._period_s = period_s
         self._due_s = self._look_s = -math.inf
@@ -238,7 +240,7 @@ class HapticServer:
         self._taken: list[tuple[Callable[[], Received | None], dict[str, _Taken]]] = []
         self._services: list[tuple[Callable[[], ServiceRequest | None], _Service]] = []
         self._next = 0
-        """The service that is looked at first the next time."""
+        """Index of the service that is checked first the next time."""
         self._unnumbered = itertools.count(1)
         self._results_sent: dict[bytes, str] = {}
         """Last reason published to each sender of feedback; empty if accepted."""
@@ -292,7 +294,7 @@ class HapticServer:
     # -- for the loop ----------------------------------------------------------------------------
 
     def poll(self, now_s: float) -> None:
-        """Take the feedback that has arrived, and now and then answer a request."""
+        """Take the feedback that has arrived, and answer a request from time to time."""
         for poll, types in self._taken:
             for _ in range(FEEDBACK_KEPT):
                 packet = poll()
@@ -304,7 +306,7 @@ class HapticServer:
             self._answer_one()
 
     def publish(self, now_s: float, now_ns: int) -> None:
-        """Publish the device, if it is time to; `now_s` monotonic, `now_ns` since the epoch."""
+        """Publish the device if it is due; `now_s` monotonic, `now_ns` since the epoch."""
         if now_s < self._due_s:
             return
         due_s = self._due_s + self._period_s
@@ -337,7 +339,7 @@ class HapticServer:
             raise CommandError(why)
 
     def set_mode(self, mode: str) -> None:
-        """Set the kind of feedback, one of MODES; it becomes zero first. Raises CardanError."""
+        """Set the kind of feedback, one of MODES, after setting it to zero. Raises CardanError."""
         if mode == mode_of(self.haptic):
             return
         if mode == MODES[1]:
@@ -353,7 +355,7 @@ class HapticServer:
 
     def _take(self, packet: Received, types: dict[str, _Taken], now_s: float) -> None:
         attachment = packet.attachment
-        if attachment is None:  # Of no ROS node: a later message is newer.
+        if attachment is None:  # It is from no ROS node: a later message is newer.
             gid, sequence = packet.zid.encode(), next(self._unnumbered)
         else:
             gid, sequence = attachment.gid, attachment.sequence
@@ -382,7 +384,7 @@ class HapticServer:
             self._tell(gid, name, sequence, "")
 
     def _tell(self, gid: bytes, command: str, sequence: int, reason: str) -> None:
-        """Publish when the outcome of a publisher's messages changes."""
+        """Publish a changed outcome of a publisher's messages."""
         if self._results_sent.get(gid) == reason or self._results is None:
             return
         if gid not in self._results_sent and len(self._results_sent) >= SENDERS_KEPT:
@@ -431,7 +433,7 @@ class HapticServer:
         return {"result": set_result(self._set_one(request["parameters"]))}
 
     def _set_one(self, parameters: Sequence[Message]) -> str:
-        """Set parameters together. Returns why not."""
+        """Set parameters together. Return why not."""
         try:
             for value in self._parameters.checked_group(parameters).values():
                 self.set_mode(str(value))
@@ -478,7 +480,7 @@ class _Topics:
         self._buttons: tuple[bool, ...] | None = None
 
     def publish(self, now_ns: int) -> None:
-        """Publish all of one instant; no pose while the device has none."""
+        """Publish all topics of one instant; no pose while the device has none."""
         haptic = self._haptic
         try:
             position, (w, x, y, z), _ = haptic.get_pose()

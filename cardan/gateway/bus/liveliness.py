@@ -1,9 +1,7 @@
-"""Participants of the bus, by liveliness tokens: whether the client of a motion is still there.
-
-A token vanishes with its process: at once where the process ends, however it does, because the
-computer then closes its connections; after the lease of its Zenoh session where the computer or the
-cable fails.
-"""
+"""Participants of the bus, by liveliness tokens: monitors whether the client of a motion is still
+connected. A token disappears with its process: at once if the process ends, for any reason, because
+the computer then closes its connections; after the lease of its Zenoh session if the computer or
+the cable fails."""
 
 from __future__ import annotations
 
@@ -19,21 +17,21 @@ UNKNOWN = (
     "timestamping and a liveliness token, or by cardan.network_arm; or set "
     "endless_without_watch in [network]"
 )
-"""Why a motion without end is refused."""
+"""Reason for refusing a motion without end."""
 
 
 class Presence:
-    """An endpoint, a node or a Zenoh session, from its first token to its last: if it comes back,
-    that is another presence."""
+    """Presence of an endpoint, a node or a Zenoh session, from its first token to its last: after a
+    return it is another presence."""
 
     def __init__(self, since_s: float) -> None:
         self.since_s = since_s
-        """When its first token came."""
+        """Time of its first token."""
         self.tokens = 0
-        """How many it has."""
+        """Count of its tokens."""
 
     def there(self) -> bool:
-        """Whether it is still on the bus. From any thread."""
+        """True while it is on the bus. From any thread."""
         return self.tokens > 0
 
 
@@ -41,9 +39,9 @@ class Identity(NamedTuple):
     """Identity of a program on the bus."""
 
     key: Hashable
-    """Its node, or else its session, or else its endpoint."""
+    """Its node, else its session, else its endpoint."""
     node: str
-    """Full name; empty: it has none."""
+    """Full name of the node; empty: it has none."""
     presence: Presence | None
     """None if its end could not be seen."""
     mark: str
@@ -53,27 +51,25 @@ class Identity(NamedTuple):
 class _Token(NamedTuple):
     text: str
     owners: tuple[Presence, ...]
-    """The endpoint, its node and its session."""
+    """Presences of the endpoint, its node and its session."""
 
 
 class LivelinessMonitor:
-    """All endpoints, nodes and sessions of others.
-
-    `take` is for one thread, the rest for any; unknown values are None.
-    """
+    """All endpoints, nodes and sessions of other programs. `take` is for one thread, the rest for
+    any; unknown values are None."""
 
     def __init__(self, own: str) -> None:
-        """`own`: id of the Zenoh session that listens. It gives its own id to samples without a
-        timestamp, so that this id says nothing of the client."""
+        """`own`: id of the local Zenoh session. It gives its own id to samples without a timestamp,
+        so that this id does not identify a client."""
         self._own = own
         self._tokens: dict[bytes, _Token] = {}
-        """By GID."""
+        """Tokens by GID."""
         self._owners: dict[str, Presence] = {}
         """Sessions by "ZID", nodes by "ZID/NODE"."""
 
     def take(self, token: str, there: bool, now_s: float) -> None:
-        """A liveliness token has appeared or vanished now, perhaps twice; tokens other than ROS 2's
-        are ignored."""
+        """Record that a liveliness token appeared or disappeared now, perhaps twice; tokens other
+        than ROS 2's are ignored."""
         parts = token.split("/", 4)
         if len(parts) < 5 or parts[0] != LIVELINESS or parts[2] == self._own:
             return
@@ -95,30 +91,29 @@ class LivelinessMonitor:
                     del self._owners[name]
 
     def endpoint(self, gid: bytes) -> Presence | None:
-        """The publisher or client with this GID."""
+        """Return the publisher or client with this GID."""
         token = self._tokens.get(gid)
         return None if token is None else token.owners[0]
 
     def node(self, gid: bytes) -> Presence | None:
-        """The node that has the endpoint with this GID."""
+        """Return the node that has the endpoint with this GID."""
         token = self._tokens.get(gid)
         return None if token is None else token.owners[1]
 
     def knows(self, packet: Received | ServiceRequest) -> bool:
-        """Whether the token of a packet's sender is there, or the sender cannot be known."""
+        """Return whether the token of a packet's sender is there, or the sender cannot be known."""
         if packet.attachment is not None:
             return packet.attachment.gid in self._tokens
         zid = packet.zid if isinstance(packet, Received) else ""
         return not zid or zid in self._owners
 
     def session(self, zid: str) -> Presence | None:
-        """The Zenoh session with this id."""
+        """Return the Zenoh session with this id."""
         return self._owners.get(zid)
 
     def identity(self, packet: Received | ServiceRequest) -> Identity:
-        """The sender of a packet: the node that has its GID; of a GID that is not known, as old
-        releases of rmw_zenoh name publishers at random, or that is another session's, the
-        session."""
+        """Return the sender of a packet: the node that has its GID; the session for an unknown GID
+        (old releases of rmw_zenoh name publishers at random) or another session's."""
         gid = b"" if packet.attachment is None else packet.attachment.gid
         zid = packet.zid if isinstance(packet, Received) else ""
         session = self._owners.get(zid)
@@ -132,7 +127,7 @@ class LivelinessMonitor:
         return Identity(gid or zid, "", None, gid.hex() or zid)
 
     def _only_node(self, zid: str) -> str:
-        """Full name of the one node that a session has; empty where it has none or several."""
+        """Return the full name of the only node of a session; empty if it has none or several."""
         found = {
             entity.full_node
             for entity in map(Entity.parse, [each.text for each in tuple(self._tokens.values())])

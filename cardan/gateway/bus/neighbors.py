@@ -15,7 +15,7 @@ from cardan.protocols.ros2.names import dds_type
 STATE_TYPE = "sensor_msgs/msg/JointState"
 
 MESSAGES_AT_ONCE = 4
-"""Most that are read of a neighbor in one cycle, the newest: a flood costs no deadline."""
+"""Most messages read of a neighbor in one cycle, the newest: a flood costs no deadline."""
 
 
 MAX_BYTES = 8192
@@ -29,7 +29,7 @@ class ArmNeighbors:
     def __init__(
         self, watches: Sequence[NeighborWatch], controller: ArmController, period_s: float
     ) -> None:
-        """`period_s` of the robot."""
+        """`period_s` is the robot's."""
         self._watches = watches
         self._controller, self._period_s = controller, period_s
         self._codec, self._dds_type = codec_of(STATE_TYPE), dds_type(STATE_TYPE)
@@ -41,7 +41,7 @@ class ArmNeighbors:
             node.subscription(each.topic, STATE_TYPE, MESSAGES_AT_ONCE) for each in self._watches
         ]
         for watch, subscription in zip(self._watches, self._subscriptions, strict=True):
-            watch.topic = subscription.entity.name  # A relative one is the session's.
+            watch.topic = subscription.entity.name  # A relative name belongs to the session.
 
     def hear(self, now_s: float, now_ns: int) -> None:
         """Take messages that have arrived."""
@@ -76,8 +76,8 @@ class ArmNeighbors:
         )
 
     def turn(self, now_s: float) -> str:
-        """Put the bodies where they are, for the next cycle. Returns why the arm must not be moved;
-        empty where all neighbors are known."""
+        """Place the bodies for the next cycle. Return why the arm must not be moved; empty if all
+        neighbors are known."""
         faults = []
         for index, watch in enumerate(self._watches):
             faults.append(watch.fault(now_s))
@@ -87,7 +87,7 @@ class ArmNeighbors:
         return "; ".join(filter(None, faults))
 
     def diagnosis(self) -> list[str]:
-        """Refused reports of neighbors, in words."""
+        """Refused reports of neighbors, as text."""
         return [
             f"the neighbor {watch.bodies.name}: refused {count} {reason}"
             for watch in self._watches

@@ -19,7 +19,7 @@ RATE_HZ = Range(0.1, 1000.0, "Hz", "slower is no state; no robot has faster cycl
 
 
 def is_topic(name: str) -> bool:
-    """Whether ROS 2 allows a topic of this name."""
+    """Return whether ROS 2 allows a topic of this name."""
     try:
         checked_name(name)
     except RosNameError:
@@ -34,29 +34,29 @@ class NetworkOptions(BusOptions):
     name: str = DEFAULT_NAME
     """Name of the node, and first part of the arm's own topics and services."""
     namespace: str = ""
-    """Before all names of this arm; empty: none. Needed where several arms are on one bus."""
+    """Prefix of all names of this arm; empty: none. Needed if several arms are on one bus."""
     rate_hz: Annotated[float, RATE_HZ] = 50.0
-    """How often the state is published."""
+    """Rate at which the state is published."""
     commands: bool = True
-    """False: the arm is shown on the network, and takes no commands from it."""
+    """False: the arm is published on the network, and takes no commands from it."""
     device: bool = False
-    """True: the session's operator device is published as `spacenav/*`, `joy` and, where it has
-    inertial sensors, `imu/data_raw`; `joy/set_feedback` makes it rumble; one with force feedback is
-    a haptic device, too."""
+    """True: the session's operator device is published as `spacenav/*`, `joy` and, if it has
+    inertial sensors, `imu/data_raw`; `joy/set_feedback` makes it rumble; a device with force
+    feedback is also published as a haptic device."""
     haptic: str = "hapticDevice_nws_ros2"
     """Name of the haptic device's node, and first part of its topics and services."""
     endless_without_watch: bool = False
-    """True: motions without end (movv, gcmp, forc) are taken of any client, though it is not
-    noticed when that is gone; only a stop then ends them."""
+    """True: motions without end (movv, gcmp, forc) are accepted from any client, even if its
+    disconnection cannot be detected; only a stop then ends them."""
     source: str = "ros2"
-    """First word of all names that nodes have in the arm's authority: "ros2 /joystick"."""
+    """First word of the names of nodes in the arm's authority: "ros2 /joystick"."""
     trajectory_controller: str = "joint_trajectory_controller"
     """Name of the controller whose action follow_joint_trajectory the arm offers to MoveIt."""
     other_names: tuple[NamesOf, ...] = ("servo",)
-    """Names of other programs that the arm answers to: MoveIt Servo's, CRTK's, those of FZI's
+    """Names of other software that the arm answers to: MoveIt Servo's, CRTK's, those of FZI's
     Cartesian controllers, cmd_vel, those of YARP's joint server."""
     servo: str = "servo_node"
-    """Name of the node that MoveIt Servo's names are below."""
+    """Node name in MoveIt Servo's names."""
     servo_units: Literal["unitless", "speed"] = "unitless"
     """Units of MoveIt Servo's commands: shares, -1 to 1, of the speeds below; or m/s and rad/s."""
     servo_linear_m_s: Annotated[float, LINEAR_SPEED_M_S] = 0.4
@@ -70,7 +70,7 @@ class NetworkOptions(BusOptions):
     tcp_frame: str = "tcp"
 
     def absolute(self, name: str) -> str:
-        """The absolute name of a topic that the session's node calls `name`. Raises
+        """Return the absolute name of a topic that the session's node calls `name`. Raises
         RosNameError."""
         namespace = f"/{self.namespace}" if self.namespace else ""
         relative = name[:1] not in ("/", "~")

@@ -1,7 +1,7 @@
 """Topics of a session for recorders: its configuration, the loop's inputs and outputs, and the raw
 bytes that are exchanged with the device and the robot.
 
-All but the configuration is made only while there is a subscriber.
+Without a subscriber only the configuration is published.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ LOOK_PERIOD_S = 0.25
 """Period of checks for a subscriber."""
 
 KEPT_S = 5.0
-"""Time from the first cycle during which cycles are kept for a recorder that was there before the
-session: it takes Zenoh up to a second to tell of it, and a record that lacks the first cycles
-is not replayed exactly."""
+"""Time from the first cycle during which cycles are kept for a recorder that was started before the
+session: Zenoh takes up to a second to report it, and a record that lacks the first cycles is not
+replayed exactly."""
 
 AT_ONCE = 8
 """Most packets, and most kept cycles, that are published in one cycle of the loop."""
 
 KEPT_PACKETS = 1024
-"""Packets that wait for the loop; of more, the newest are dropped."""
+"""Most packets that wait for the loop; beyond, the newest are dropped."""
 
 HIDDEN = "(not recorded)"
-"""In place of an option that is a secret."""
+"""Placeholder for secret options."""
 
 _SECRET = re.compile(r"password|passphrase|token|secret|credential", re.IGNORECASE)
 
 _PACKAGES = ("daqp", "eclipse-zenoh", "numpy", "pin")
-"""Packages on the version of which results may depend."""
+"""Packages on whose versions results may depend."""
 
 
 class _Packet(NamedTuple):
@@ -70,14 +70,14 @@ class _RawTap:
         self._packets: deque[_Packet] = deque()
 
     def look(self) -> None:
-        """Begin or end, by whether there is a subscriber."""
+        """Begin or end according to the subscribers."""
         if self._publisher.heard:
             self._driver.raw_packet_callback = self._take
         else:
             self.end()
 
     def end(self) -> None:
-        """Take nothing any more."""
+        """Stop taking packets."""
         self._driver.raw_packet_callback = None
         self._packets.clear()
 
@@ -120,7 +120,7 @@ class _ControllerLog:
         return self._controller.recorder is not None
 
     def look(self, now_s: float) -> None:
-        """Begin or end, by whether there is a subscriber."""
+        """Begin or end according to the subscribers."""
         self._heard = self._publisher.heard
         if self._keeps_until_s == math.inf:
             self._keeps_until_s = now_s + KEPT_S
@@ -130,7 +130,7 @@ class _ControllerLog:
             self.end()
 
     def end(self) -> None:
-        """Take nothing any more."""
+        """Stop taking cycles."""
         self._controller.recorder = None
         self._requests.clear()
         self._cycles.clear()
@@ -139,7 +139,7 @@ class _ControllerLog:
         self._requests.append((ticks, RecordedRequest(name, argument)))
 
     def publish(self, cycle: Cycle, now_ns: int) -> None:
-        """Publish a cycle, from the loop's thread; or keep it until there is a subscriber."""
+        """Publish a cycle, from the loop's thread, or keep it until there is a subscriber."""
         number, requests = self._controller.ticks, self._requests
         before = []
         # Requests since this tick belong to the next one.
@@ -184,11 +184,11 @@ class RecordTopics:
 
     @property
     def dropped(self) -> int:
-        """Raw packets for which there was no room."""
+        """Count of dropped raw packets."""
         return sum(each.dropped for each in self._raw)
 
     def cycle(self, cycle: Cycle, now_s: float) -> None:
-        """Publish the record of a cycle, after its answer has left."""
+        """Publish the record of a cycle, after its answer has been sent."""
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_PERIOD_S
             self._log.look(now_s)
@@ -201,14 +201,14 @@ class RecordTopics:
             raw.publish(now_ns)
 
     def close(self) -> None:
-        """Take nothing any more: the bus is about to be left."""
+        """Stop taking data: the bus is about to be left."""
         self._log.finish(time.time_ns())
         for raw in self._raw:
             raw.end()
 
 
 def _described(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration, and further data that results may depend on."""
+    """Return the configuration, and further data that results may depend on."""
     versions = {"cardan": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -219,7 +219,7 @@ def _described(tables: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _public(value: Any) -> Any:
-    """`value` without secrets."""
+    """Return `value` without secrets."""
     if isinstance(value, Mapping):
         return {
             key: HIDDEN if each and _SECRET.search(str(key)) else _public(each)

@@ -1,4 +1,4 @@
-"""The Cartesian interface of an arm on the bus, from any computer that reaches it."""
+"""The Cartesian interface of an arm on the bus, from any computer in reach of it."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
 MEET_TIMEOUT_S = 5.0
-"""Longest wait for the arm to be found on the bus: a router needs a second to tell of it."""
+"""Longest wait for the arm to be found on the bus: a router takes a second to report it."""
 
 WAIT_TIMEOUT_S = 86_400.0
 """Time limit of `wait` without a limit: Zenoh's calls need one."""
 
 REST_TIMEOUT_S = 5.0
-"""How long `close` waits for the arm to be braked to rest."""
+"""Longest wait of `close` for the arm to be braked to rest."""
 
 LOOK_PERIOD_S = 0.02
-"""How often `close` looks whether it is."""
+"""Period at which `close` checks whether the arm is at rest."""
 
 GONE = (
     "the arm has left the network, or the connection is lost; it may still move by a motion that "
@@ -40,8 +40,8 @@ GONE = (
 
 
 def parse_address(address: str) -> tuple[str, str]:
-    """Zenoh endpoint to meet an arm by, empty where `address` has none, and full name of the arm's
-    node. Raises OptionError."""
+    """Return the Zenoh endpoint of an arm, empty if `address` has none, and the full name of the
+    arm's node. Raises OptionError."""
     endpoint, name = "", address
     if ":" in address:  # As no name of ROS has, and every endpoint with a port.
         protocol, _, rest = address.partition("/")
@@ -55,8 +55,8 @@ def parse_address(address: str) -> tuple[str, str]:
 
 
 def options_for(endpoint: str, options: BusOptions | None) -> BusOptions:
-    """Options to join the bus of the peer at `endpoint`: a peer on another computer is joined as
-    its client, unless `options` are given."""
+    """Return options to join the bus of the peer at `endpoint`: a peer on another computer is
+    joined as its client, unless `options` are given."""
     if not endpoint:
         return options or BusOptions()
     if options is not None:
@@ -78,17 +78,17 @@ def network_arm(
             arm.wait()
 
     The arm is moved by its own session, with that session's limits, beside other sources. When the
-    connection is lost, verbs raise MotionLoopError, `stop` too: motions that end by themselves go
-    on then, those without end are braked. `close` gives up the authority, which brakes what moves
-    by it to rest.
+    connection is lost, verbs raise MotionLoopError, `stop` too: motions that end by themselves
+    continue, those without end are braked. `close` gives up the authority, which brakes a motion
+    under it to rest.
 
     `address`: endpoint to meet the arm by ("tcp/192.168.1.10:7447"), full name of the arm's node
-    ("/cell/arm"), or both ("tcp/192.168.1.10:7447/cell/arm"). `source`: name under which this asks,
-    which gets the authority; empty: one that no other program has. Raises ConfigurationError.
+    ("/cell/arm"), or both ("tcp/192.168.1.10:7447/cell/arm"). `source`: name of this client, which
+    gets the authority; empty: a unique one. Raises ConfigurationError.
 
     `open` returns when the arm has answered, after its first state. It raises ExtraMissingError,
-    ConfigurationError, DriverError where the bus cannot be joined or there is no such arm on it,
-    and MotionLoopError where the arm does not answer.
+    ConfigurationError, DriverError if the bus cannot be joined or there is no such arm on it, and
+    MotionLoopError if the arm does not answer.
     """
     number = time.time_ns() % 10**9
     source = source or f"remote_{number}"
@@ -99,7 +99,8 @@ def network_arm(
 
 
 def _connect(network: BusNetwork, name: str, arm: RemoteArm) -> Callable[[], None]:
-    """Join the bus and find the arm with the node `name`; returns what lets it rest and leaves."""
+    """Join the bus and find the arm with the node `name`; return the function that brings the arm
+    to rest and leaves."""
     service = f"{name}/{ASK_SERVICE}"
     notes = codec_of(MOTIONS_TYPE)
 
@@ -128,7 +129,7 @@ def _connect(network: BusNetwork, name: str, arm: RemoteArm) -> Callable[[], Non
 
 
 def _rest(arm: RemoteArm) -> None:
-    """Give up the authority, and wait until what moved by it is braked to rest."""
+    """Give up the authority, and wait until a motion under it is braked to rest."""
     with contextlib.suppress(CardanError):
         arm.release()
         end_s = time.monotonic() + REST_TIMEOUT_S
@@ -150,7 +151,7 @@ def _why_missing(network: BusNetwork, name: str) -> str:
 
 
 def _sender(network: BusNetwork, service: str, arm: RemoteArm) -> Send:
-    """Sends requests to the arm's service, and hands it the replies."""
+    """Return a function that sends requests to the arm's service, and passes it the replies."""
     requests, responses = codec_of(f"{ASK_TYPE}_Request"), codec_of(f"{ASK_TYPE}_Response")
 
     def send(request: Request, packet: bytes) -> None:

@@ -15,12 +15,12 @@ TEXT_TYPE = "std_msgs/msg/String"
 
 
 def key_end(key: str) -> str:
-    """Type and hash that the key of a message ends with."""
+    """Return the type and hash at the end of a message's key."""
     return "/".join(key.split("/")[-2:])
 
 
 class Results:
-    """Outcomes of commands that come on topics: ``~/result``, and the same as JSON on
+    """Outcomes of commands that arrive on topics: ``~/result``, and the same as JSON on
     ``~/result_text`` for clients without cardan_msgs. For one thread at a time."""
 
     def __init__(self, node: BusNode) -> None:
@@ -28,7 +28,7 @@ class Results:
         self._texts = node.publisher("~/result_text", TEXT_TYPE)
 
     def put(self, command: str, sequence: int, outcome: str, reason: str, source: str) -> None:
-        """Publish one."""
+        """Publish one outcome."""
         now_ns = time.time_ns()
         message: Message = {
             "header": {
@@ -51,17 +51,18 @@ class CommandServer(Protocol):
     """Passes requests on to the session's worker, and publishes their outcomes."""
 
     refused: int
-    """Messages and requests that were none."""
+    """Count of malformed messages and requests."""
 
     def next_id(self) -> int:
         """Id of the next request."""
 
     def source(self, packet: ServiceRequest) -> str:
-        """Name of the sender of `packet` in the arm's authority. In the thread that decodes."""
+        """Return the name of the sender of `packet` in the arm's authority. In the thread that
+        decodes."""
 
     def watched(self, request: Request, packet: ServiceRequest) -> Request:
         """Return `request`; a motion without end gets a check whether its client is still there.
-        Raises PacketError if that cannot be seen, and while no commands are taken. From any
+        Raises PacketError if such a check is impossible, and while no commands are taken. From any
         thread."""
 
     def offer(self, client: Any, packet: Any) -> None:

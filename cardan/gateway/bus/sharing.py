@@ -1,7 +1,7 @@
 """``cardan devices share``: an operator device for a session on another computer.
 
 The core decides which session has the device, and keeps the edges of its buttons until they are
-acknowledged; it has no I/O, and its caller's time. A single session has the device at a time: the
+acknowledged; it has no I/O, and time is an argument. A single session has the device at a time: the
 first to claim it, until it gives it back, or LEASE_S after its newest claim.
 """
 
@@ -63,59 +63,60 @@ from cardan.types import (
 )
 
 LEASE_S = 1.0
-"""Silence of the lessee after which other sessions may have the device."""
+"""Silence of the lessee after which other sessions may get the device."""
 
 SHORTEST_S = 0.004
-"""Between two new states, unless a button changes: a SpaceMouse reports each 8 to 16 ms."""
+"""Shortest time between two new states, unless a button changes: a SpaceMouse reports each 8 to 16
+ms."""
 
 LONGEST_S = 0.02
-"""Between two states of a leased device: whether it is moved or not, its newest state has to be
-young."""
+"""Longest time between two states of a leased device, also at rest: its newest state must be
+recent."""
 
 OF_LATENESS = 0.25
-"""Between two states, of the time by which the newest that came is late, as far as claims tell and
-their own silence: what a link does not carry would only wait before it, and hold up what is newer.
-A motion's first state and its last do not wait so.
-"""
+"""Share of the delay of the newest received state, by claims and their silence, for which the next
+state waits: a congested link would only queue it, and delay newer ones. A motion's first state and
+its last do not wait."""
 
 TURN_S = 0.1
-"""Between two of those: a hand makes some ten a second, and one that trembles fills no link."""
+"""Shortest time between two of those: a hand makes some ten a second, and a trembling hand must not
+fill a link."""
 
 FREE_S = 0.25
-"""Between states of a free device, which only say that it is free."""
+"""Time between states of a free device, which only report that it is free."""
 
 CLAIMS_KEPT = 32
-"""Claims that wait for their turn; of more, the oldest are dropped."""
+"""Most claims that wait for their turn; beyond, the oldest are dropped."""
 
 MEET_S = 0.5
-"""How long others that share under the same name are looked for: a router takes some 0.1 s to tell
-of them."""
+"""Duration of the search for other nodes that share under the same name: a router takes some 0.1 s
+to report them."""
 
 LOOK_S = 0.02
 
 FORCE_S = 0.004
-"""Between two forces for the hand."""
+"""Shortest time between two forces for the hand."""
 
 GIVEN_KEPT = 64
-"""Commands that the device may not have rendered yet."""
+"""Most commands that the device may not have rendered yet."""
 
 NEWS_S = 0.5
-"""How often it is looked for the router, and for others of the same name."""
+"""Period of checks for the router, and for other nodes of the same name."""
 
 STOOD_STILL_S = 0.1
-"""A state that is offered later than this shows that this process, or its computer, stood still.
-Input of the device from that time is read only then, as if it were new."""
+"""Delay of a state's offer that shows a pause of this process or its computer. Input of the device
+from that time is read only afterwards, as if it were new."""
 
 SETTLE_S = 0.1
-"""For so long after that input may be from before: a device's reader catches up."""
+"""Time after such a pause in which input may be old: a device's reader catches up."""
 
 MOST_KINDS = 32
-"""Kinds of refused claims that are told apart: a stranger chooses its own words."""
+"""Most kinds of refused claims that are counted separately: their text is the sender's choice."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SharedConfig(Options):
-    """Tables that are read of a session's file: no robot is needed."""
+    """Tables that are read of a session's file; a robot is not needed."""
 
     device: DriverTable
 
@@ -125,7 +126,7 @@ class ShareOptions(Options):
     """Name of the shared device, and its network."""
 
     name: str
-    """Its name for the robot's side."""
+    """Name of the device for the robot's session."""
     bus: BusOptions = field(default_factory=BusOptions)
 
     def __post_init__(self) -> None:
@@ -141,50 +142,52 @@ class ShareCore:
     """The lease of a shared device, and the messages to its holder. Times are monotonic, s."""
 
     def __init__(self, driver: str, run: int) -> None:
-        """`run`: a number that no other process has, not 0."""
+        """`run`: a nonzero number that no other process has."""
         self._driver, self._run = driver, run
         self._codec, self._dds_type = codec_of(CLAIM_TYPE), dds_type(CLAIM_TYPE)
         self._claim: Claim | None = None
         """The newest claim of the lessee."""
         self._owner = b""
-        """Id of that one's publisher."""
+        """Id of its publisher."""
         self._heard_s = NEVER_S
         self._leases = 0
-        """How many there have been."""
+        """Count of leases so far."""
         self._ended: Claim | None = None
-        """The newest claim of the last lease: what it overtook is late."""
+        """The newest claim of the last lease: claims before it are late."""
         self._ended_owner = b""
         self._edges: deque[Edge] = deque()
         self._number = 0
         self._pressed: set[str] = set()
-        """Buttons that are down by their edges."""
+        """Buttons that are down according to their edges."""
         self._sent_s = self._new_sent_s = self._turn_sent_s = NEVER_S
-        """When a state was published last, one that was new, and one that began or ended motion."""
+        """Times of the last published state, of the last new one, and of the last that began or
+        ended motion."""
         self._last: DeviceState | None = None
         """State that was published last."""
         self._changed = self._turned = False
-        """Whether there is another state since, and whether motion began or ended by it."""
+        """True if the state has changed since, and true if motion began or ended by it."""
         self._asked = False
-        """Whether a claim is to be answered."""
+        """True if a claim is to be answered."""
         self._shown: DeviceFeedback | None = None
         """Feedback given to the operator last; None if unknown."""
         self._lost = False
         self._offered_s, self._next_s = NEVER_S, math.inf
-        """When a state was offered last, and is to be again."""
+        """Time of the last offer of a state, and of the next."""
         self._settled_s, self._before_s = NEVER_S, NEVER_S
-        """It stood still: until when input may be old, and since when."""
+        """After a pause of the process: time until which input may be old, and time of the
+        pause."""
         self._still = ""
-        """Why the device counts as lost until then."""
+        """Reason why the device counts as lost until then."""
         self.counts: Counter[str] = Counter()
-        """Claims that were refused, and edges that were dropped, by kind."""
+        """Refused claims and dropped edges, by kind."""
 
     def lessee(self, now_s: float) -> str:
-        """The holder of the lease; empty: none."""
+        """Return the holder of the lease; empty: none."""
         self._expire(now_s)
         return "" if self._claim is None else self._claim.name or "a session"
 
     def on_received(self, received: Received, now_s: float) -> None:
-        """A claim came. Never raises."""
+        """Handle a claim. Never raises."""
         self._expire(now_s)
         attachment = received.attachment
         if attachment is None or received.key.split("/")[-2:-1] != [self._dds_type]:
@@ -214,7 +217,7 @@ class ShareCore:
         return (None if self._claim is None else self._claim.order), self._heard_s, self._leases
 
     def _take(self, claim: Claim, owner: bytes, now_s: float) -> bool:
-        """Whether it is to be answered."""
+        """Handle a claim; return whether it is to be answered."""
         known = self._claim
         if known is None:
             if not claim.wanted:
@@ -256,7 +259,7 @@ class ShareCore:
 
     @property
     def due_s(self) -> float:
-        """When a state is to be offered again, at the latest."""
+        """Latest time of the next offer of a state."""
         if self._claim is None:
             return self._sent_s + FREE_S
         soonest_s = self._new_sent_s + SHORTEST_S
@@ -276,7 +279,7 @@ class ShareCore:
         haptic_feedback: HapticFeedback | None = None,
     ) -> Shared | None:
         """Return the message to publish now, if one is due; `state` and `edges`, oldest first, were
-        taken before `now_s`; `haptic_feedback`: of a device that gives force."""
+        taken before `now_s`; `haptic_feedback`: that of a device with force."""
         self._expire(now_s)
         self._lost = state.link is DeviceLink.LOST
         if self._lost:
@@ -324,8 +327,8 @@ class ShareCore:
     def _settled(
         self, state: DeviceState, edges: Iterable[ButtonEvent], now_s: float
     ) -> tuple[DeviceState, Iterable[ButtonEvent]]:
-        """The same, but for input from a time when this process stood still: the device counts as
-        lost, and edges as old."""
+        """Return state and edges; with input from a pause of this process, the device as lost and
+        edges as old."""
         if now_s - self._next_s > STOOD_STILL_S:
             # If it stood still again meanwhile, input may be from the first time.
             if now_s >= self._settled_s:
@@ -343,7 +346,7 @@ class ShareCore:
         ]
 
     def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
-        """Keep edges for the lessee: whether there are new ones."""
+        """Keep edges for the lessee; return whether there are new ones."""
         is_new = False
         for stamp_s, button, pressed in edges:
             self._number += 1
@@ -358,12 +361,12 @@ class ShareCore:
         return is_new
 
     def feedback(self, now_s: float) -> DeviceFeedback:
-        """Return the operator's feedback: none once no session has the device."""
+        """Return the operator's feedback: none while no session has the device."""
         self._expire(now_s)
         return DeviceFeedback(False, 0.0) if self._claim is None else self._claim.feedback
 
     def feedback_due(self, now_s: float) -> DeviceFeedback | None:
-        """The same where it is to be given now: once, and again to a device that was lost."""
+        """Return the feedback if it is due: once, and again for a device that was lost."""
         feedback = self.feedback(now_s)
         if self._lost or feedback == self._shown:
             return None
@@ -372,14 +375,14 @@ class ShareCore:
 
 
 class DeviceEnd:
-    """The device's end of a force from far away: the rendered force. Fixtures it renders by
-    itself, as in a session beside it; forces go through the law of `DevicePort`."""
+    """The device's end of a remote force: renders it. Fixtures are rendered locally, as in a
+    session; forces pass through `DevicePort`."""
 
     def __init__(self, device: HapticDevice) -> None:
         self._device = device
         self._enabling = ForceEnabling(device)
         self._port: DevicePort | None = None
-        """Port of this engagement; None: there is none."""
+        """Passivity port of this engagement; None: there is none."""
         self._sequence = 0
         self._given: deque[tuple[int, int]] = deque(maxlen=GIVEN_KEPT)
         """Commands by the device's count, and by the session's."""
@@ -389,14 +392,14 @@ class DeviceEnd:
 
     @property
     def due_s(self) -> float:
-        """When the next cycle is; inf: no haptic feedback."""
+        """Time of the next cycle; inf: no haptic feedback."""
         return math.inf if self._port is None else self._cycled_s + FORCE_S
 
     def cycle(
         self, order: RemoteHapticCommand | None, heard_s: float, lease: int, now_s: float
     ) -> None:
-        """Render `order`, which came at `heard_s` of the `lease` of this number; None: nothing.
-        Never raises."""
+        """Render `order`, received at `heard_s` in the `lease` of this number; None: nothing. Never
+        raises."""
         if lease != self._lease:  # The one before may have ended while this process stood still.
             self._lease = lease
             self.end(now_s)
@@ -436,7 +439,7 @@ class DeviceEnd:
         )
 
     def end(self, now_s: float) -> None:
-        """The engagement has ended: no force. Never raises."""
+        """End the engagement: no force. Never raises."""
         if self._port is not None:
             self._port = None
             self._enabling.release()
@@ -469,7 +472,7 @@ class News:
     """Status lines for the operator, one for each change."""
 
     def __init__(self, router: str, *, routed: bool) -> None:
-        """`router`: its endpoint; `routed`: whether it is connected to one."""
+        """`router`: its endpoint; `routed`: whether this process is connected to one."""
         self._router, self._routed, self._has_router = router, routed, routed
         self._lessee = self._missing = ""
         self._reported: set[str] = set()
@@ -477,7 +480,7 @@ class News:
         self._obstacle = ""
 
     def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
-        """Metrics of the device, of its lessee, and of what `counts` has for the first time."""
+        """Return lines about the device's metrics, its lessee, and new entries in `counts`."""
         lines = []
         missing = state.reason or "lost" if state.link is DeviceLink.LOST else ""
         if missing != self._missing:
@@ -492,7 +495,7 @@ class News:
         return lines
 
     def of_bus(self, others: Iterable[str], *, routed: bool, obstacle: str = "") -> list[str]:
-        """Of the router, what prevents TLS with it (`obstacle`), and of other nodes that share a
+        """Return lines about the router, an `obstacle` to TLS with it, and other nodes that share a
         device under the same name."""
         lines = []
         there = set(others)
@@ -530,12 +533,10 @@ def share_until(
     end_s: float = math.inf,
     tell: Callable[[str], None] = lambda _words: None,
 ) -> None:
-    """Open `device` and share it until `stop` is set, or the monotonic time `end_s`.
-
-    `ready` is called with the topic once it is shared, `tell` with a line for each change of the
-    device, of its lessee, of refusals, and of the router. Raises DriverError, ConfigurationError,
-    or AddressError where the name is taken.
-    """
+    """Open `device` and share it until `stop` is set, or the monotonic time `end_s`. `ready` is
+    called with the topic once it is shared, `tell` with a line for each change of the device, its
+    lessee, refusals, and the router. Raises DriverError, ConfigurationError, or AddressError if the
+    name is taken."""
     core = ShareCore(driver, secrets.randbits(63) | 1)
     topic = state_topic(options.name)
     with contextlib.ExitStack() as stack:
@@ -594,7 +595,7 @@ def share_until(
 
 
 def _give(device: OperatorDevice, feedback: DeviceFeedback) -> None:
-    """Give `feedback` by the channels that the device has, and that are passed on."""
+    """Send `feedback` by the channels that the device has, and that are passed on."""
     able = device.capabilities.feedback & FEEDBACK
     given = DeviceFeedback(
         feedback.led if "led" in able else None, feedback.rumble if "rumble" in able else None

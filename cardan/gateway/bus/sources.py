@@ -1,8 +1,5 @@
-"""Sources of an arm's authority on the bus: each program is one, by the name of its node.
-
-A name alone moves nothing: while the node that has it is on the bus, another one of the same name
-is another source.
-"""
+"""Sources of an arm's authority on the bus: each program is one, by the name of its node. While the
+node is on the bus, another one of the same name is another source."""
 
 from __future__ import annotations
 
@@ -17,28 +14,28 @@ from cardan.gateway.bus.liveliness import Identity, LivelinessMonitor
 from cardan.types import NEVER_S
 
 STREAM_KEPT_S = LONGEST_BLIND_S
-"""How long a publisher keeps its stream, and one without a node its name, after its newest message:
-no stream is fresh for longer, whatever streamTimeout says."""
+"""Silence after which a publisher loses its stream, and one without a node its name: no stream is
+fresh for longer, with any streamTimeout."""
 
 BEGINS_S = 3.0
-"""How long a stream that chooses its preset tries to, from its first message on: opening the arm's
-model takes a second, and waiting for the lease of a source that is gone two. A stream that goes on
-for longer does not move an arm unexpectedly later."""
+"""Time from its first message in which a stream may choose its preset: opening the arm's model
+takes a second, and waiting for the lease of a source that is gone two. Later, a running stream must
+not move an arm unexpectedly."""
 
 NAMED_WITHIN_S = 0.2
-"""How long a packet waits for its sender's token, because tokens and packets travel by different
-queues of Zenoh: less than a streamed command may be on its way. A stop does not wait."""
+"""Longest wait of a packet for its sender's token, because tokens and packets travel by different
+queues of Zenoh: less than the allowed delay of a streamed command. A stop does not wait."""
 
 UNNAMED_KEPT = 256
-"""Endpoints without a token that are remembered, so that each waits once; that which sent longest
-ago is forgotten first."""
+"""Most endpoints without a token that are remembered, so that each waits once; the longest silent
+one is forgotten first."""
 
 SOURCES_KEPT = 64
-"""Programs that are known at a time; the longest silent one is dropped first."""
+"""Most programs known at a time; the longest silent one is dropped first."""
 
 _PER_PROCESS = re.compile(r"(/_ros2cli|/rqt_gui_(?:py|cpp)_node)_\d+$")
-"""Names of nodes that ROS 2's own tools end with their process's id: the same command that is
-given again is the same source."""
+"""Names of nodes of ROS 2's own tools that end with their process's id: the same command, run
+again, is the same source."""
 
 TELLING_DIGITS = 8
 """Length of the mark that distinguishes sources of the same name."""
@@ -53,29 +50,29 @@ class Source:
     def __init__(self, identity: Identity, now_s: float) -> None:
         self.identity, self._met_s = identity, now_s
         self.name = ""
-        """In the arm's authority."""
+        """Its name in the arm's authority."""
         self.heard_s = NEVER_S
-        """When its newest command came."""
+        """Time of its newest command."""
         self._publisher: Hashable = None
         """Its streaming publisher."""
         self._streamed_s = self._may_begin_s = NEVER_S
         self._rests = False
 
     def gone(self, now_s: float) -> bool:
-        """True if another program may take its name. A killed program is present until its computer
-        closes its connections, which it does at once."""
+        """Return whether another program may take its name. A killed program is present until its
+        computer closes its connections, which it does at once."""
         presence = self.identity.presence
         if presence is None:
             return now_s - self.heard_s > STREAM_KEPT_S
         return not presence.there()
 
     def connected_s(self, now_s: float) -> float:
-        """For how long it has been on the bus; infinite where that is not known."""
+        """Return the time that it has been on the bus; infinite if unknown."""
         presence = self.identity.presence
         return math.inf if presence is None else now_s - min(presence.since_s, self._met_s)
 
     def stream(self, publisher: Hashable, now_s: float) -> bool:
-        """Whether this one of its publishers may stream now, alone."""
+        """Return whether this publisher may stream now, as the only one."""
         silent = now_s - self._streamed_s > STREAM_KEPT_S
         begins = silent or publisher != self._publisher
         if begins and not silent and not self._rests:
@@ -86,27 +83,27 @@ class Source:
         return True
 
     def rest(self, now_s: float) -> None:
-        """The newest message of its stream asks for no motion."""
+        """Record that the newest message of its stream requests no motion."""
         self._rests, self._may_begin_s = True, now_s + BEGINS_S
 
     def may_begin(self, now_s: float) -> bool:
-        """Whether its stream has just begun: a stopped stream does not go on by itself."""
+        """Return whether its stream has just begun: a stopped stream does not restart by itself."""
         return now_s <= self._may_begin_s
 
     def spend(self) -> None:
-        """A message was taken, or the arm was stopped: its stream does not begin any more."""
+        """Record that a message was accepted, or the arm stopped: the stream counts as begun."""
         self._may_begin_s = NEVER_S
 
 
 class Unnamed:
-    """Endpoints whose tokens have not come, and until when their packets wait for them."""
+    """Endpoints without a token yet, and the times until which their packets wait."""
 
     def __init__(self) -> None:
         self._until_s: dict[Hashable, float] = {}
 
     def until_s(self, endpoint: Hashable, now_s: float) -> float:
-        """When a packet of `endpoint`, whose token is not there, waits no longer: once for all of
-        its packets."""
+        """Return the time until which a packet of `endpoint`, whose token is missing, waits: once
+        for all of its packets."""
         until_s = self._until_s.pop(endpoint, now_s + NAMED_WITHIN_S)
         if len(self._until_s) >= UNNAMED_KEPT:
             del self._until_s[next(iter(self._until_s))]
@@ -115,19 +112,19 @@ class Unnamed:
 
 
 class Sources:
-    """All programs that command the arm. For one thread, but for `spend`."""
+    """All programs that command the arm. For one thread, except `spend`."""
 
     def __init__(
         self, network: str, liveliness: LivelinessMonitor, owner: Callable[[], str]
     ) -> None:
-        """`network`: the name of all of them, to which each one's own is added; `owner`: the source
-        that has the authority now, which keeps its name."""
+        """`network`: common first word of their names; `owner`: the source that has the authority
+        now, which keeps its name."""
         self._network, self._liveliness, self._owner = network, liveliness, owner
         self._sources: dict[Hashable, Source] = {}
         self._names: dict[str, Source] = {}
 
     def of(self, packet: Received | ServiceRequest, now_s: float) -> Source:
-        """The source that sent a packet."""
+        """Return the source that sent a packet."""
         identity = self._liveliness.identity(packet)
         if identity.presence is None and not isinstance(packet, Received):
             # It may be of any program without a token, also of the one that streams.
@@ -149,7 +146,7 @@ class Sources:
         return self.heard(source or Source(identity, now_s), now_s)
 
     def heard(self, source: Source, now_s: float) -> Source:
-        """Note that a packet of `source` has come; it gets its name when it begins, and after a
+        """Record that a packet of `source` has arrived; it gets its name at its begin, and after a
         silence."""
         key = source.identity.key
         if self._sources.pop(key, None) is None and len(self._sources) >= SOURCES_KEPT:
@@ -165,7 +162,7 @@ class Sources:
             source.name = self._name(source, now_s)
 
     def claim(self, name: str, packet: ServiceRequest, now_s: float) -> str:
-        """Why the program that sent `packet` may not be the source `name`, which it chose; empty
+        """Return why the sender of `packet` may not be the source `name`, which it chose; empty
         when it may."""
         if name == self._network or name.startswith(f"{self._network} "):
             return f"{name!r} is the name of a node of ROS 2: choose another one"
@@ -200,6 +197,6 @@ class Sources:
         return f"{words}{'' if node else ' '}#{identity.mark[:TELLING_DIGITS]}"
 
     def spend(self) -> None:
-        """The arm was stopped: no stream that has begun begins again by itself."""
+        """Record a stop of the arm: no stream restarts by itself."""
         for source in tuple(self._sources.values()):
             source.spend()

@@ -1,8 +1,6 @@
-"""The action FollowJointTrajectory, which MoveIt executes its plans by.
-
-Source: control_msgs/action/FollowJointTrajectory; its error codes as joint_trajectory_controller
-of ros2_controllers gives them.
-"""
+"""The action FollowJointTrajectory, by which MoveIt executes its plans. Source:
+control_msgs/action/FollowJointTrajectory; error codes as in joint_trajectory_controller of
+ros2_controllers."""
 
 from __future__ import annotations
 
@@ -28,15 +26,15 @@ SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS, OLD_HEADER_TIMESTAMP = 0, -1, -2, -3
 PATH_TOLERANCE_VIOLATED, GOAL_TOLERANCE_VIOLATED = -4, -5
 
 BEGINS_S = 1.0
-"""How far the time at which a trajectory is to begin may be from now, s; 0 in it is now. The arm
-begins at once: clocks of computers and the way here take that long."""
+"""Largest distance of a trajectory's requested begin from now, s; 0 in it is now. The arm begins at
+once: it covers clock differences and transmission."""
 
 
 _DefaultT = TypeVar("_DefaultT", float, None)
 
 
 class TrajectoryError(MotionRefusedError):
-    """A goal that is no trajectory of this arm."""
+    """Error: a goal is no trajectory of this arm."""
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(f"trajectory: {message}")
@@ -46,8 +44,8 @@ class TrajectoryError(MotionRefusedError):
 def follow_joint_trajectory(
     controller: str, joints: Sequence[str], since_kilted: bool = False
 ) -> ActionCommand:
-    """The action of a controller of this name, for an arm with these joints; `since_kilted`: with
-    the feedback of control_msgs 6.3 and later."""
+    """Return the action of a controller of this name, for an arm with these joints; `since_kilted`:
+    with the feedback of control_msgs 6.3 and later."""
     names = tuple(joints)
     type_name = FOLLOW + SINCE_KILTED * since_kilted
 
@@ -65,7 +63,7 @@ def follow_joint_trajectory(
 
 
 def trajectory_of(goal: Message, joints: Sequence[str], now_ns: int) -> JointTrajectory:
-    """The trajectory of a goal, in the arm's order of joints. Raises TrajectoryError or
+    """Return the trajectory of a goal, in the arm's order of joints. Raises TrajectoryError or
     MotionRefusedError; `now_ns`: since the epoch."""
     given = goal["trajectory"]
     names, points = given["joint_names"], given["points"]
@@ -126,8 +124,8 @@ def _rows(points: Sequence[Message], name: str, order: Sequence[int]) -> list[li
 def _tolerances(
     goal: Message, name: str, joints: Sequence[str], default: _DefaultT
 ) -> list[float | _DefaultT] | None:
-    """By joint; 0: any distance, which a message says by a number below 0. Its 0 is the `default`,
-    as is the value of a joint that is not named."""
+    """Return tolerances by joint; 0: any distance, which a message expresses by a number below 0. 0
+    in a message is the `default`, as is the value of a joint that is not named."""
     if goal[f"component_{name}"]:
         raise TrajectoryError(INVALID_GOAL, f"component_{name}: there are no such joints")
     if not goal[name]:
@@ -150,7 +148,7 @@ def _seconds(duration: Message) -> float:
 
 
 def result_of(reason: str, error: CardanError | None) -> Message:
-    """The result for the reason why a trajectory was not done; "": it was."""
+    """Make the result from the reason why a trajectory was not executed; "": it was."""
     code = SUCCESSFUL
     if reason:
         code = INVALID_GOAL

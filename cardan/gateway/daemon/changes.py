@@ -1,4 +1,4 @@
-"""Changes in the files: of a session by key, of a server as a whole."""
+"""Changes in the files: by key for a session, as a whole for a server."""
 
 from __future__ import annotations
 
@@ -14,31 +14,32 @@ from cardan.gateway.daemon.config import ServerEntry
 from cardan.gateway.session.config import SessionConfig
 
 REMOVED: Final = "removed"
-"""Change of a session or server that is not in the files any more."""
+"""Change of a session or server that was removed from the files."""
 
 UNTIL_FREE: Final = "until no source has authority"
 UNTIL_START: Final = "until it starts"
-"""Conditions that changes wait for: of an engaged session, and of a session that does not run."""
+"""Conditions that changes wait for: for an engaged session, and for a session that does not run."""
 
 
 class Change(NamedTuple):
-    """A key of the files that is another than before."""
+    """A changed key of the files."""
 
     name: str
-    """Session or server."""
+    """Name of the session or server."""
     key: str
-    """Empty: all of it."""
+    """The key; empty: all of it."""
     what: str
-    """``added``, ``removed``, ``changed``, or ``taken back``: it waited, and waits no more."""
+    """Kind of the change: ``added``, ``removed``, ``changed``, or ``taken back``: it waited, and
+    waits no more."""
     old: Any = None
-    """Old value of a session's key; None also where there was none."""
+    """Old value of a session's key; None also if there was none."""
     new: Any = None
     waits: str = ""
-    """For what; empty: for nothing."""
+    """Condition that it waits for; empty: none."""
 
     @property
     def in_words(self) -> str:
-        """The change as a line."""
+        """Return the change as a line."""
         key = f" {self.key}" if self.key else ""
         what = self.what
         if self.key and what == "changed":
@@ -52,7 +53,7 @@ def _shown(value: Any) -> str:
 
 
 def of_servers(old: Mapping[str, ServerEntry], new: Mapping[str, ServerEntry]) -> Iterator[Change]:
-    """Servers that come, that go, and with other options."""
+    """Return servers that are added, removed, or have other options."""
     for name in old.keys() - new.keys():
         yield Change(name, "", REMOVED)
     for name, server in new.items():
@@ -65,7 +66,7 @@ def of_servers(old: Mapping[str, ServerEntry], new: Mapping[str, ServerEntry]) -
 def of_session(
     name: str, old: SessionConfig, new: SessionConfig, waits: str, waited: Iterable[str]
 ) -> Iterator[Change]:
-    """The keys that differ, and those that `waited` and are as they were."""
+    """Return the keys that differ, and those that `waited` and have their old values again."""
     changed = set()
     for key, was, now in _differences(old, new):
         changed.add(key)
@@ -76,7 +77,7 @@ def of_session(
 
 
 def _differences(old: SessionConfig, new: SessionConfig) -> Iterator[tuple[str, Any, Any]]:
-    """The keys that differ, with both values."""
+    """Return the keys that differ, with both values."""
     for table in keys_of(SessionConfig):
         was, now = getattr(old, table), getattr(new, table)
         if was == now:
@@ -105,5 +106,5 @@ def _options(table: str, was: DriverTable, now: DriverTable) -> Iterator[tuple[s
 
 
 def in_words(changes: Iterable[Change]) -> str:
-    """All of them, as a line."""
+    """Return all changes as a line."""
     return "; ".join(change.in_words for change in changes) or "nothing has changed"

@@ -1,4 +1,4 @@
-"""Programs that ask the daemon: rows, orders, and the verbs of an arm that it runs."""
+"""Client of the daemon: rows, orders, and the verbs of an arm that it runs."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ ANSWER_S: Final = 10.0
 """Longest wait for an answer."""
 
 RELOAD_S: Final = 120.0
-"""Longest wait for that of a reload, which loads every arm's model."""
+"""Longest wait for a reload, which loads every arm's model."""
 
 SYSTEM_SOCKET: Final = "/run/cardan/cardan.sock"
 """Socket of the daemon that `cardan daemon service install --system` starts."""
 
 SOCKET_VARIABLE: Final = "CARDAN_SOCKET"
-"""The environment variable that names the daemon's socket; the daemon's servers have it."""
+"""The environment variable with the daemon's socket; set for the daemon's servers."""
 
 ANSWER_BYTES: Final = 1 << 24
-"""Longest answer: all lines that the daemon keeps."""
+"""Longest answer: all lines kept by the daemon."""
 
 
 class ControlClient:
     """A connection to the daemon. For one thread."""
 
     def __init__(self, path: str = "", timeout_s: float | None = ANSWER_S) -> None:
-        """`path`: of its socket; empty: that of the environment's CARDAN_SOCKET, where this user's
-        daemon has it, or else the computer's. Raises AddressError."""
+        """`path`: of its socket; empty: that of the environment's CARDAN_SOCKET, else of this
+        user's daemon, else of the computer's. Raises AddressError."""
         path = path or os.environ.get(SOCKET_VARIABLE, "")
         self.path = path or runtime_path("cardan.sock")
         if not path and not os.path.exists(self.path) and os.path.exists(SYSTEM_SOCKET):
@@ -68,7 +68,7 @@ class ControlClient:
         self._lines: list[bytes] = []
 
     def close(self) -> None:
-        """Leave. Never raises; twice is fine."""
+        """Disconnect. Never raises; twice is fine."""
         hang_up(self._sock)
 
     def __enter__(self) -> ControlClient:
@@ -78,8 +78,8 @@ class ControlClient:
         self.close()
 
     def ask(self, do: str, name: str = "", value: Any = None) -> Any:
-        """The result of a request. Raises ControlError where it is refused, and AddressError where
-        the daemon is gone."""
+        """Send a request and return its result. Raises ControlError if it is refused, and
+        AddressError if the daemon has ended."""
         number = next(self._ids)
         self.send(Ask(number, do, name, value))
         for response in self._answers(number):
@@ -88,7 +88,8 @@ class ControlClient:
         raise AddressError("the daemon has ended")
 
     def events(self, do: str, name: str = "", value: Any = None) -> Iterator[Any]:
-        """Yield values of a request that goes on, until the daemon ends. Raises as `ask` does."""
+        """Yield the values of a continuing request until the daemon ends. Raises the errors of
+        `ask`."""
         number = next(self._ids)
         self.send(Ask(number, do, name, value))
         for response in self._answers(number):
@@ -102,7 +103,8 @@ class ControlClient:
             raise AddressError(f"the daemon takes no requests: {error.strerror}") from None
 
     def receive(self) -> Response | None:
-        """The next answer; None: the daemon is gone. Raises AddressError where none comes."""
+        """Return the next answer; None: the daemon has ended. Raises AddressError if none arrives
+        in time."""
         while not self._lines:
             try:
                 data = self._sock.recv(65536)
@@ -127,7 +129,7 @@ class ControlClient:
 
 
 def daemon_arm(name: str, *, path: str = "", source: str = VERBS) -> RemoteArm:
-    """The arm of the session `name`, which the daemon runs.
+    """Connect to the arm of the daemon's session `name`.
 
     ::
 
@@ -135,10 +137,10 @@ def daemon_arm(name: str, *, path: str = "", source: str = VERBS) -> RemoteArm:
             arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
             arm.wait()
 
-    When this program ends, a motion without an end that it asked for ends, too, and streams do;
-    `close` leaves the arm to the daemon. `path`: of the daemon's socket. `source`: name of this
-    source, which gets the authority. Raises ConfigurationError; `open` raises AddressError, or
-    DriverError where the session cannot be asked.
+    When this program ends, its streams and motions without end are ended; `close` leaves the arm to
+    the daemon. `path`: of the daemon's socket. `source`: name of this client, which gets the
+    authority. Raises ConfigurationError; `open` raises AddressError, or DriverError if the session
+    takes no requests.
     """
     return RemoteArm(partial(_connect, name, path), source)
 

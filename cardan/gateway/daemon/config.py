@@ -53,7 +53,7 @@ _NAMES = "letters (a to z), digits, and _ . - within, 63 at most"
 _EVENT_LOG = bounds.Located("(?!none$)(?P<path>.+)", is_read=False)
 
 _TOP = frozenset({"daemon", "devices", "robots", "sessions", "servers"})
-"""Keys of a file of the daemon; every other belongs to a session."""
+"""Keys of a file of the daemon; all others belong to a session."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,42 +63,42 @@ class DaemonOptions(Options):
     socket: Annotated[str, bounds.PATH] = ""
     """Control socket; empty: cardan.sock in the user's runtime folder."""
     group: str = ""
-    """Group whose members may ask it, too; empty: its own user alone."""
+    """Group whose members may also connect; empty: only its own user."""
     group_role: Literal["viewer", "operator", "admin"] = "operator"
     """Role of the group's members."""
     event_log: Annotated[str, _EVENT_LOG] = ""
     """Event log, a JSON object a line; empty: events.jsonl in the folder for the user's
     (a service's) state; "none": none."""
     start_limit: Annotated[int, bounds.STARTS] = 8
-    """Starts in a row, none of which lasted for a minute, after which a process that fails by
-    itself is given up until a request starts it."""
+    """Number of short starts in a row (less than a minute) after which a failing process stays
+    stopped until a request starts it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServerTable(Options):
-    """One of ``[servers.NAME]``; all other keys are the server's options."""
+    """Table ``[servers.NAME]``; all other keys are the server's options."""
 
     server: str = ""
-    """Which server it is; empty: the one of this name."""
+    """Kind of server; empty: the name."""
     start: bool = True
-    """Whether it starts with the daemon."""
+    """Start it with the daemon."""
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionTable(Options):
-    """One of ``[[sessions]]``; all other keys are those of a session's file."""
+    """Table of ``[[sessions]]``; all other keys are those of a session's file."""
 
     name: str
     file: Annotated[str, bounds.FILE] = ""
     """A session's file, relative to this one; the keys given here replace its own."""
     start: bool = True
-    """Whether it starts with the daemon."""
+    """Start it with the daemon."""
     session: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
     @classmethod
     def kind_of_others(cls, _table: Mapping[str, Any]) -> Any:
-        """A session's file."""
+        """Return the type of the other keys: a session's file."""
         return SessionConfig
 
 
@@ -120,7 +120,7 @@ class SessionEntry(NamedTuple):
     start: bool
     file: Path
     device: str = ""
-    """Name of its device, which sessions share that name the same."""
+    """Name of its device, which is shared by all sessions with that name."""
 
 
 class ServerEntry(NamedTuple):
@@ -134,7 +134,7 @@ class ServerEntry(NamedTuple):
 
 
 class DaemonConfig(NamedTuple):
-    """All that the daemon runs."""
+    """Configuration of all that the daemon runs."""
 
     daemon: DaemonOptions
     sessions: Mapping[str, SessionEntry]
@@ -142,7 +142,7 @@ class DaemonConfig(NamedTuple):
 
 
 def is_of_daemon(tables: Mapping[str, Any]) -> bool:
-    """Whether these are of a file of the daemon, and not of one session."""
+    """Return whether these tables are of a file of the daemon, and not of one session."""
     return "faces" in tables or ("robot" not in tables and not _TOP.isdisjoint(tables))
 
 
@@ -155,8 +155,8 @@ def read_daemon_config(paths: Iterable[Path]) -> DaemonConfig:
 
 
 def read_daemon_config_in_subprocess(paths: Iterable[Path]) -> DaemonConfig:
-    """:func:`read_daemon_config` in a process of its own, which loads the arms' models: nothing
-    else that this process does waits for them. Raises ConfigurationError."""
+    """Call :func:`read_daemon_config` in a separate process, which loads the arms' models without
+    delaying this process. Raises ConfigurationError."""
     done = subprocess.run(
         [
             sys.executable,
@@ -180,7 +180,7 @@ def read_daemon_config_in_subprocess(paths: Iterable[Path]) -> DaemonConfig:
 
 
 def sharers(sessions: Mapping[str, SessionEntry]) -> dict[str, list[str]]:
-    """The devices that several sessions name, and these sessions in the files' order."""
+    """Return the devices that several sessions name, and these sessions in the files' order."""
     found: dict[str, list[str]] = {}
     for name, entry in sessions.items():
         if entry.device:
@@ -189,7 +189,7 @@ def sharers(sessions: Mapping[str, SessionEntry]) -> dict[str, list[str]]:
 
 
 def _check_shared(device: str, config: SessionConfig) -> None:
-    """Raise ConfigurationError where a session cannot take its device later."""
+    """Raise ConfigurationError if a session cannot take its device later."""
     if config.gives_force:
         raise ConfigurationError(
             "force", f"the device {device!r} serves several sessions, which this does not go with"
@@ -296,7 +296,7 @@ class _Reading:
         self._sessions[session.name] = session, file, key
 
     def config(self) -> DaemonConfig:
-        """All of it, checked."""
+        """Return the whole configuration, checked."""
         options = DaemonOptions() if self._daemon is None else self._daemon[0]
         sessions = {name: self._session(*each) for name, each in self._sessions.items()}
         servers = {name: self._server(name, each) for name, each in self._servers.items()}
@@ -343,9 +343,8 @@ class _Reading:
 def _placed(
     name: str, stands: Mapping[str, tuple[Path, str]], file: Path, key: str
 ) -> Iterator[None]:
-    """Errors that are raised inside are of `name`, and those of keys say where these stand:
-    `stands` has the file and the key there of those at the top, all others are in the table `key`
-    of `file`."""
+    """Add the place in the files to errors of `name` raised inside: `stands` has file and key of
+    the top-level keys; all others are in the table `key` of `file`."""
     try:
         yield
     except ConfigurationError as error:
@@ -374,7 +373,7 @@ def _named(key: str, name: str, known: Mapping[str, _Named]) -> _Named:
 
 
 def _server_kinds(server: str) -> Iterator[Any]:
-    """The dataclasses that have the options of a server; none where that cannot be loaded."""
+    """Return the dataclasses with the options of a server; none if it cannot be loaded."""
     kinds: list[Any] = []
     with contextlib.suppress(ConfigurationError, ExtraMissingError):
         kinds.append(server_registry.load(server).Options)
@@ -384,7 +383,7 @@ def _server_kinds(server: str) -> Iterator[Any]:
 
 
 def _words(options: Mapping[str, Any]) -> Iterable[str]:
-    """Options of a command, of the keys of a table: port = 9090 is --port 9090."""
+    """Return a command's options for the keys of a table: port = 9090 is --port 9090."""
     for key, value in options.items():
         flag = f"--{key.replace('_', '-')}"
         if isinstance(value, bool):
@@ -401,7 +400,7 @@ def _words(options: Mapping[str, Any]) -> Iterable[str]:
 
 
 def main() -> None:
-    """Read the files that are named, and write the configuration, or the error, for
+    """Read the named files, and write the configuration, or the error, for
     :func:`read_daemon_config_in_subprocess`."""
     made: DaemonConfig | CardanError
     try:

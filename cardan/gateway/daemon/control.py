@@ -1,8 +1,8 @@
 """The daemon's control protocol: one JSON object a line, both ways, over a local socket.
 
 A request is ``{"id": 1, "do": "start", "name": "gofa"}``; its answer ``{"id": 1, "result": ...}``
-or ``{"id": 1, "error": "..."}``. Those that go on (``watch``, ``log``, ``ask``) are answered by any
-number of ``{"id": 1, "event": ...}``. Nothing here opens anything; bad lines raise ControlError.
+or ``{"id": 1, "error": "..."}``. Continuing requests (``watch``, ``log``, ``ask``) are answered by
+any number of ``{"id": 1, "event": ...}``. No I/O; malformed lines raise ControlError.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ NEEDS: Final = {
     **dict.fromkeys(("start", "stop", "restart", "switch", "ask"), Role.OPERATOR),
     "reload": Role.ADMIN,
 }
-"""The least role for each request."""
+"""The lowest role for each request."""
 
 VIEWERS_VERBS: Final = frozenset({"stat", "status", "get_parameter", "get_parameters", "stop"})
-"""Verbs of an arm that a viewer may ask for: they change nothing, or stop the arm, which needs no
-authority. They wait in no queue that others' verbs wait in."""
+"""Verbs of an arm that a viewer may request: they change nothing, or stop the arm, which needs no
+authority. They do not wait in the queue of other verbs."""
 
 _LARGEST_ID: Final = 1 << 53
 
 MOST_LEVELS: Final = 32
-"""Lists and objects within each other in a line; a verb's have 4. A line with hundreds can be read,
-and then neither be shown nor passed on: each level takes one of Python's."""
+"""Deepest nesting of lists and objects in a line; a verb's has 4. A deeper line can be read, but
+not shown or passed on: each level takes one of Python's stack."""
 
 
 class ControlError(CardanError):
-    """A request to the daemon that it refuses; `request` is its id, None where it has none."""
+    """Error: the daemon refuses a request; `request` is its id, None if it has none."""
 
     def __init__(self, message: str, request: int | None = None) -> None:
         super().__init__(message)
@@ -46,12 +46,12 @@ class ControlError(CardanError):
 
 
 class Ask(NamedTuple):
-    """A request."""
+    """Request to the daemon."""
 
     id: int
     do: str
     name: str = ""
-    """Name of a session or a server; empty: of none, or of all."""
+    """Name of a session or a server; empty: none, or all."""
     value: Any = None
 
 
@@ -60,12 +60,12 @@ class Response(NamedTuple):
 
     id: int | None
     kind: str
-    """``result``, ``error`` or ``event``."""
+    """Kind: ``result``, ``error`` or ``event``."""
     value: Any
 
 
 def refusal(ask: Ask, role: Role) -> str:
-    """Reason why a client with this role may not ask for this; empty if it may."""
+    """Return why a client with this role may not send this request; empty if it may."""
     needed, what = NEEDS[ask.do], ask.do
     if ask.do == "ask" and isinstance(ask.value, dict) and isinstance(ask.value.get("verb"), str):
         what = ask.value["verb"]
@@ -89,7 +89,7 @@ def encode_ask(ask: Ask) -> bytes:
 
 
 def decode_ask(line: bytes) -> Ask:
-    """From a line. Raises ControlError."""
+    """Decode from a line. Raises ControlError."""
     table = _table(line)
     number = table.pop("id", None)
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number <= _LARGEST_ID:
@@ -110,7 +110,7 @@ def encode_response(response: Response) -> bytes:
 
 
 def decode_response(line: bytes) -> Response:
-    """From a line. Raises ControlError."""
+    """Decode from a line. Raises ControlError."""
     table = _table(line)
     for kind in ("result", "error", "event"):
         if kind in table:
@@ -143,14 +143,14 @@ def _is_flat(value: Any, levels: int) -> bool:
 
 
 class LineReader:
-    """Puts a stream together to lines."""
+    """Splits a stream into lines."""
 
     def __init__(self, most_bytes: int = MAX_LINE_BYTES) -> None:
         self._left = b""
         self._most = most_bytes
 
     def take(self, data: bytes) -> list[bytes]:
-        """The lines that `data` completes. Raises ControlError once one is too long."""
+        """Return the lines that `data` completes. Raises ControlError if one is too long."""
         *lines, self._left = (self._left + data).split(b"\n")
         if any(len(each) > self._most for each in (*lines, self._left)):
             raise ControlError(f"a line has at most {self._most} bytes")

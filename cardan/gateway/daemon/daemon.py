@@ -1,6 +1,6 @@
 """The daemon: starts sessions and servers from files, keeps them running, and serves its socket.
 
-A single thread decides all; the threads that follow processes report to its inbox.
+A single thread makes all decisions; the threads that follow processes report to its inbox.
 """
 
 from __future__ import annotations
@@ -54,24 +54,24 @@ from cardan.gateway.session.device_sharing import GIVE, TAKE
 from cardan.types import NEVER_S
 
 POLL_S: Final = 0.1
-"""How often it looks at its processes."""
+"""Period of checks of its processes."""
 
 LINES_KEPT: Final = 2000
 CHARACTERS_KEPT: Final = 2_000_000
-"""Lines of all processes' output that are kept for later requests, and their characters in all: one
-answer has them all."""
+"""Most lines of output kept for later requests, and their total characters: one answer has them
+all."""
 
 LINES_WAITING: Final = 5000
-"""Lines that wait until the daemon has a turn; more are dropped, and counted."""
+"""Most lines that wait for the daemon; beyond, lines are dropped, and counted."""
 
 CALLS_A_TURN: Final = 500
-"""Most reports of processes that are handled before others have their turn."""
+"""Most reports of processes handled in one turn."""
 
 GOING_ON: Final = 16
-"""Requests of one connection that go on: `watch`, `log -f` and `events -f`."""
+"""Most continuing requests of one connection: `watch`, `log -f` and `events -f`."""
 
 EVENTS_KEPT: Final = 1000
-"""Events that are kept for later requests; the event log has more."""
+"""Events kept for later requests; the event log has more."""
 
 WATCH_PERIODS_S: Final = (0.1, 60.0)
 
@@ -100,25 +100,24 @@ ReloadOutcome = Sequence[Change] | CardanError
 
 
 class Daemon:
-    """Runs the services of a configuration until a request to end."""
+    """Runs the services of a configuration until it is requested to end."""
 
     def __init__(self, config: DaemonConfig, read: Callable[[], DaemonConfig]) -> None:
-        """`read` reads the files anew, in a thread of its own, in which it must not hold up the
-        daemon's others: sessions whose beats do not come stop their arms. Raises
-        ConfigurationError."""
+        """`read` reads the files again, in a separate thread, where it must not delay the daemon's
+        other threads: sessions without beats stop their arms. Raises ConfigurationError."""
         self.config = config
         self._read = read
         self._services: dict[str, DaemonService] = {}
         self._events: Inbox[Callable[[], None]] = Inbox()
         self._lines: deque[LogLine] = deque()
         self._characters = 0
-        """Length of all these lines."""
+        """Total length of these lines."""
         self._lines_dropped = 0
         self._server: ControlServer | None = None
         self._ending = False
         self._reload_asked = False
         self._reading = False
-        """Whether the files are being read for a reload."""
+        """True while the files are being read for a reload."""
         self._watchers: dict[tuple[int, int], _Watcher] = {}
         self._followers: dict[tuple[int, int], tuple[ControlConnection, Ask]] = {}
         self._notifier = Notifier()
@@ -149,7 +148,7 @@ class Daemon:
             service.unit.start(time.monotonic())
 
     def _share(self) -> None:
-        """Find which sessions share devices, by present configurations; a holder keeps its
+        """Find the sessions that share devices, by present configurations; a holder keeps its
         device."""
         before, self._shared = self._shared, {}
         entries = {}
@@ -169,25 +168,25 @@ class Daemon:
             self._shared[device] = shared
 
     def _holder(self, name: str) -> str:
-        """Session that has the device of this one; empty: it is not shared."""
+        """Return the session that holds the device of this one; empty: it is not shared."""
         found = (each.holder for each in self._shared.values() if name in each.sessions)
         return next(found, "")
 
     def _lent(self, name: str) -> str:
-        """Where the device of a session is that has not opened it."""
+        """Return where the device of a session is that has not opened it."""
         holder = self._holder(name)
         return f"its device serves {holder}" if holder != name else "its device is being opened"
 
     # -- from other threads, and signal handlers -------------------------------------------------
 
     def end(self) -> None:
-        """Ask it to end: sessions brake, hold and leave. Safe in a signal handler."""
+        """Request its end: sessions brake, hold and leave. Safe in a signal handler."""
         self._ending = True
         if self._server is not None:
             self._server.wake()
 
     def ask_reload(self) -> None:
-        """Ask it to read its files anew. Safe in a signal handler."""
+        """Request a reload of its files. Safe in a signal handler."""
         self._reload_asked = True
         if self._server is not None:
             self._server.wake()
@@ -208,7 +207,7 @@ class Daemon:
     def run(self, ready: Callable[[str], None], seconds: float | None = None) -> None:
         """Serve until `end`, or until `seconds` are over. `ready` gets the path of its socket.
 
-        Raises AddressError where another daemon has the socket.
+        Raises AddressError if another daemon has the socket.
         """
         options = self.config.daemon
         if not options.socket:
@@ -258,7 +257,7 @@ class Daemon:
                 call = self._events.get(0.0)
                 try:
                     call()
-                except Exception:  # Of one process; the others go on.
+                except Exception:  # A fault of one process; the others go on.
                     _log.exception("a report of a process met with a fault of the daemon")
 
     def _summary(self) -> str:
@@ -266,7 +265,7 @@ class Daemon:
         return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
     def _all_answer(self, now_s: float) -> bool:
-        """Whether every session that has begun has reported lately."""
+        """Return whether every session that has begun has reported recently."""
         running = (service.process for service in self._services.values())
         return all(
             now_s <= process.due_s for process in running if isinstance(process, RunningSession)
@@ -313,12 +312,12 @@ class Daemon:
                 service.process.stop()
             elif unit.due(now_s):
                 if service.shown_state is UnitState.RUNNING:
-                    # It has ended by itself, and this daemon was too late to tell of that before.
+                    # It has ended by itself, and this daemon has not reported that yet.
                     self._find_events_of(service, time.time())
                 self._begin(service, now_s)
 
     def _renew(self, service: SessionService, now_s: float) -> None:
-        """Its arm is free: changes take effect."""
+        """Apply changes to a session whose arm is free."""
         if service.unit.state is UnitState.RUNNING:
             if REMOVED in service.changes_wait:
                 _remove(service)
@@ -493,7 +492,7 @@ class Daemon:
         self._watchers[id(connection), ask.id] = _Watcher(connection, ask, float(period_s))
 
     def _goes_on(self, ask: Ask, connection: ControlConnection) -> None:
-        """Raises ControlError where too many requests of this connection do already."""
+        """Raise ControlError if too many requests of this connection continue already."""
         ids = [number for of, number in (*self._watchers, *self._followers) if of == id(connection)]
         if len(ids) >= GOING_ON or ask.id in ids:
             why = f"one of id {ask.id} goes" if ask.id in ids else f"{GOING_ON} go"
@@ -526,7 +525,8 @@ class Daemon:
         return self._followed(ask, connection, retained)
 
     def _followed(self, ask: Ask, connection: ControlConnection, retained: Sequence[Any]) -> Any:
-        """Return the retained items as the answer; or send them one by one, and then new ones."""
+        """Return the retained items as the answer; or send them one by one, followed by new
+        ones."""
         if ask.value not in (None, True, False):
             why = "its value says whether it goes on: true or false"
             raise ControlError(f"{ask.do}: {why}", ask.id)
@@ -595,7 +595,7 @@ class Daemon:
             raise ControlError(f"{service.name} takes no requests: {words}", ask.id) from None
 
     def _answered(self, name: str, packet: bytes) -> None:
-        """A session has answered, or reports a motion."""
+        """Handle a session's answer, or its report of a motion."""
         table = json.loads(packet)
         if "motion" in table:
             note = table["motion"]
@@ -618,7 +618,7 @@ class Daemon:
         route.connection.tell(Response(route.ask, "result", table | {"reply": route.request}))
 
     def _session_gone(self, name: str, reason: str) -> None:
-        """Its process has ended: refuse requests that it has not answered. The next one's motions
+        """Refuse unanswered requests to a session whose process has ended. The next one's motions
         have the same ids."""
         why = f"{name} has ended{reason and f': {reason}'}"
         for key in [each for each in self._routes if each[0] == name]:
@@ -636,7 +636,7 @@ class Daemon:
         self._share()
 
     def _asker_gone(self, name: str, motion: int) -> None:
-        """The client of a motion is gone: a motion without end must not go on."""
+        """End the motion without end of a client that has disconnected."""
         route = self._motions.pop((name, motion), None)
         service = self._services.get(name)
         if route is None or not route.endless or service is None:
@@ -650,9 +650,9 @@ class Daemon:
     # -- reload ----------------------------------------------------------------------------------
 
     def reload(self, over: Callable[[ReloadOutcome], None], check_only: bool = False) -> None:
-        """Read the files anew, check all of them, and apply all changes, or none; or only check.
-        `over` gets the changes, or why nothing was changed. Raises ControlError where one is under
-        way.
+        """Read the files again, check all of them, and apply all changes, or none; or only check.
+        `over` gets the changes, or why nothing was changed. Raises ControlError if a reload is
+        under way.
         """
         if self._reading:
             raise ControlError("a reload is under way; ask again when it is over")
@@ -671,7 +671,7 @@ class Daemon:
         threading.Thread(target=read, name="cardan-reading", daemon=True).start()
 
     def _take_config(self, config: DaemonConfig | CardanError, check_only: bool) -> ReloadOutcome:
-        """The files have been read and checked."""
+        """Handle a configuration that was read and checked."""
         self._reading = False
         try:
             if isinstance(config, CardanError):
@@ -704,7 +704,8 @@ class Daemon:
                     )
 
     def _changes(self, config: DaemonConfig) -> Iterator[Change]:
-        """Yield changes of sessions; running ones are compared by their present configuration."""
+        """Yield changes of sessions; running sessions are compared by their present
+        configuration."""
         for name in self.config.sessions.keys() - config.sessions.keys():
             service = self._services[name]
             assert isinstance(service, SessionService)
@@ -773,7 +774,7 @@ def _remove(service: DaemonService) -> None:
 
 
 class _Watcher:
-    """A client that gets all rows again and again."""
+    """A client that gets all rows periodically."""
 
     def __init__(self, connection: ControlConnection, ask: Ask, period_s: float) -> None:
         self.connection, self.ask, self.period_s = connection, ask, period_s

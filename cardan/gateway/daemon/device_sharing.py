@@ -15,7 +15,7 @@ AT_REST = frozenset({"disarmed", "no robot"})
 
 
 class Order(enum.Enum):
-    """Order of the daemon to a session."""
+    """Order from the daemon to a session."""
 
     TAKE = "take"
     GIVE = "give"
@@ -25,26 +25,26 @@ class SessionState(NamedTuple):
     """Known state of a session."""
 
     wanted: bool
-    """Whether it runs, or is to run again by itself."""
+    """True if it runs, or is to be restarted."""
     running: bool
     held: bool
-    """Whether it has the device open."""
+    """True if it has the device open."""
     phase: str
     passes: int
-    """How often its operator asked to pass the device on since it began."""
+    """Count of its operator's requests to pass the device on, since its begin."""
 
 
 class SharedDevice:
     """A device that several sessions share: its holder, and the next one."""
 
     def __init__(self, name: str, sessions: Sequence[str]) -> None:
-        """`sessions` in the order in which the device goes round; the first begins with it."""
+        """`sessions` in the order of passing the device; the first has it at the beginning."""
         self.name = name
         self.sessions = tuple(sessions)
         self.holder = self.sessions[0]
         """Session that has it, or is getting it."""
         self._next = ""
-        """Session that gets it once the holder's arm rests."""
+        """Session that gets it once the holder's arm is at rest."""
         self._passes: dict[str, int] = {}
 
     @property
@@ -53,7 +53,7 @@ class SharedDevice:
         return self._next
 
     def serve(self, sessions: Sequence[str]) -> None:
-        """These share it from now on; its holder keeps it."""
+        """Set the sessions that share it from now on; its holder keeps it."""
         self.sessions = tuple(sessions)
         if self.holder not in sessions:
             self.holder, self._next = self.sessions[0], ""
@@ -61,11 +61,11 @@ class SharedDevice:
             self._next = ""
 
     def pass_to(self, session: str) -> None:
-        """Let `session`, one of its own, have it."""
+        """Give the device to `session`, one of those that share it."""
         self._next = "" if session == self.holder else session
 
     def after(self, session: str, may: Callable[[str], bool]) -> str:
-        """The session after this one for which `may` is true; empty: there is none."""
+        """Return the next session after this one for which `may` is true; empty: none."""
         start = self.sessions.index(session)
         round_ = (*self.sessions[start + 1 :], *self.sessions[:start])
         return next((each for each in round_ if may(each)), "")

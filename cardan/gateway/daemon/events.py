@@ -20,10 +20,10 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.session.snapshot import Snapshot
 
 FILE_BYTES: Final = 10_000_000
-"""Largest event log before it is turned over: about 60,000 events."""
+"""Size at which the event log is rotated: about 60,000 events."""
 
 FILES_KEPT: Final = 5
-"""Older ones that are kept, as NAME.1 to NAME.5."""
+"""Number of older logs that are kept, as NAME.1 to NAME.5."""
 
 _log = logging.getLogger(__name__)
 
@@ -31,21 +31,21 @@ _FIGURES = re.compile(r"[0-9][0-9.,]*")
 
 
 class Event(NamedTuple):
-    """Something that happened."""
+    """Event of a session, a server or the daemon."""
 
     time_s: float
-    """Since the epoch."""
+    """Time since the epoch, s."""
     name: str
-    """Session, server, or ``daemon``."""
+    """Name of a session or a server, or ``daemon``."""
     event: str
-    """``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or the fate of a
-    process: ``started``, ``ended``, ``failed``, ``reload``; ``lost``: how many could not be
-    written."""
+    """Kind: ``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or the fate of a
+    process: ``started``, ``ended``, ``failed``, ``reload``; ``lost``: number of events that could
+    not be written."""
     what: str
     why: str = ""
 
     def line(self) -> str:
-        """The event as JSON."""
+        """Return the event as JSON."""
         return json.dumps(self._asdict(), separators=(",", ":"))
 
 
@@ -64,19 +64,19 @@ def _stop_reason(before: Snapshot, now: Snapshot) -> str:
 
 
 class SessionWatch:
-    """Finds the events of a session in its snapshots."""
+    """Finds the events of a session by its snapshots."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._before: Snapshot | None = None
         self._said = ""
         self.stops = dict.fromkeys(STOP_REASONS, 0)
-        """How often the arm began to brake, by fault."""
+        """Count of beginnings of braking, by fault."""
         self.refusals = 0
-        """How often a source was refused the authority."""
+        """Count of refused requests for the authority."""
 
     def forget(self) -> None:
-        """Its process has ended: the next snapshot is another one's."""
+        """Forget the snapshot of a process that has ended."""
         self._before, self._said = None, ""
 
     def take(self, now: Snapshot, time_s: float) -> Iterator[Event]:
@@ -115,13 +115,13 @@ class EventLog:
     """Writes events to a file, each at once: a crash of the daemon loses none."""
 
     def __init__(self, path: Path, file_bytes: int = FILE_BYTES) -> None:
-        """Raises ConfigurationError where the file cannot be written."""
+        """Raises ConfigurationError if the file cannot be written."""
         self.path = path
         self._most = file_bytes
         self.lost = 0
-        """Events that could not be written: the disk is full, or the folder is gone."""
+        """Count of events that could not be written: the disk is full, or the folder is gone."""
         self._unsaid = 0
-        """Those of them that are not in the file yet."""
+        """Count of those that are not reported in the file yet."""
         self._why = ""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -141,8 +141,8 @@ class EventLog:
         return os.open(path, flags, 0o600)
 
     def write(self, event: Event) -> None:
-        """Write an event. Never raises: where it cannot be written that is logged, and the file
-        says how many are missing as soon as it can be written again."""
+        """Write an event. Never raises: a failure is logged, and the file gets the number of
+        missing events as soon as it can be written again."""
         data = event.line().encode() + b"\n"
         if self._unsaid:
             missing = Event(event.time_s, "daemon", "lost", f"{self._unsaid} events", self._why)
@@ -179,7 +179,7 @@ class EventLog:
         self._why = why
 
     def _turn_over(self) -> None:
-        # The new one is there before anything is given up.
+        # The new file is there before the old one is closed.
         new = self.path.with_name(f"{self.path.name}.new")
         fresh = self._opened(new)
         try:
@@ -202,12 +202,12 @@ class EventLog:
 
 
 def _numbered(path: Path, number: int) -> Path:
-    """The log, and its older files."""
+    """Return the log, and its older files."""
     return path if number == 0 else path.with_name(f"{path.name}.{number}")
 
 
 def _is_torn(path: Path) -> bool:
-    """Whether the file ends within a line."""
+    """Return whether the file ends within a line."""
     with path.open("rb") as file:
         end = file.seek(0, os.SEEK_END)
         file.seek(max(0, end - 1))
@@ -215,5 +215,5 @@ def _is_torn(path: Path) -> bool:
 
 
 def default_event_log() -> Path:
-    """Default place of the events."""
+    """Return the default path of the event log."""
     return state_folder() / "events.jsonl"

@@ -1,8 +1,6 @@
-"""The figures of all sessions and servers as metrics of Prometheus.
-
-Of the rows that the daemon tells; nothing here opens anything. Names: base units, ``_total`` for
-counters, and labels of few values. Needs prometheus_client.
-"""
+"""The figures of all sessions and servers as metrics of Prometheus, made from the daemon's rows,
+without I/O. Names: base units, ``_total`` for counters, and labels of few values. Needs
+prometheus_client."""
 
 from __future__ import annotations
 
@@ -25,10 +23,10 @@ from cardan.gateway.servers.stats import ROUND_TRIP
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 
 LIVE: Final = "live"
-"""The state of a link over which reports come."""
+"""State of a link that delivers reports."""
 
 SOURCES: Final = (OPERATOR, VERBS, "stream")
-"""Sources that may have the authority; a stream's owner has any name, which is no label."""
+"""Sources as label values; the owner of a stream, which may have any name, is "stream"."""
 
 Row = Mapping[str, Any]
 
@@ -59,7 +57,7 @@ COUNTERS: Final = (
     ("cardan_device_passes", "device.passes",
      "Requests of the operator to pass the device on."),
 )  # fmt: skip
-"""Counters of a session; they begin anew with it."""
+"""Counters of a session, which restart with it."""
 
 SERVER_COUNTERS: Final = (
     ("cardan_server_denied_connections", "denied", "Refused connections."),
@@ -78,7 +76,7 @@ SERVER_COUNTERS: Final = (
 
 
 def metrics_of(answer: Mapping[str, Any]) -> Iterator[Metric]:
-    """Metrics of the daemon's answer to ``figures``."""
+    """Return the metrics of the daemon's answer to ``figures``."""
     rows: list[Row] = answer["units"]
     yield InfoMetricFamily(
         "cardan_build", "The daemon's version.", {"version": str(answer["version"])}
@@ -233,13 +231,13 @@ def _histograms(running: Sequence[tuple[Row, Snapshot]]) -> Iterator[Metric]:
 
 
 def _buckets(within: Sequence[int], count: int) -> list[tuple[str, float]]:
-    """As Prometheus has them: none before the session's first figures."""
+    """Return the buckets in Prometheus' form: none before the session's first figures."""
     found = [(str(bound_s), float(each)) for bound_s, each in zip(BOUNDS_S, within, strict=False)]
     return [*found, ("+Inf", float(count))]
 
 
 def _of_watches(rows: Sequence[Row], running: Sequence[tuple[Row, Snapshot]]) -> Iterator[Metric]:
-    """Counters of the daemon since its start; the sessions count most of the refusals."""
+    """Return counters of the daemon since its start; the sessions count most of the refusals."""
     stops = CounterMetricFamily(
         "cardan_stops",
         "Times that the arm began to brake, by the problem then; none: an intended stop.",

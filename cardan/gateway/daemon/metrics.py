@@ -1,7 +1,5 @@
-"""The server for Prometheus: /metrics with the figures of all that the daemon runs.
-
-At each scrape it asks the daemon; sessions count for themselves, and never wait for it.
-"""
+"""The server for Prometheus: /metrics with the figures of all sessions and servers. At each scrape
+it queries the daemon; sessions keep their own counts, and never wait for it."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ from cardan.gateway.servers.base import Ready, Server
 from cardan.gateway.servers.web import Answer, ListenerOptions, WebSocketListener, serve_until
 
 PORT: Final = 9464
-"""Port at which Prometheus looks for the figures of programs that have no port of their own."""
+"""Default port of the figures; Prometheus uses it for programs without a port of their own."""
 
 PATH: Final = "/metrics"
 
@@ -34,24 +32,24 @@ ANSWER_S: Final = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class MetricsOptions(ListenerOptions):
-    """How a scraper reaches the figures."""
+    """Address and access of the server for scrapers."""
 
     port: Annotated[int, bounds.ANY_PORT] = PORT
 
 
 @dataclass(frozen=True, kw_only=True)
 class DaemonAddress(Options):
-    """The daemon whose figures are shown."""
+    """Address of the daemon whose figures are shown."""
 
     socket: Annotated[str, bounds.PATH] = ""
-    """The daemon's socket; empty: of the one that runs this server, else of this user's."""
+    """The daemon's socket; empty: that of the daemon that runs this server, else of this user's."""
 
 
 class MetricsServer:
-    """The server, in an asyncio loop: ``async with MetricsServer(options, figures): ...``"""
+    """Metrics server in an asyncio loop: ``async with MetricsServer(options, figures): ...``"""
 
     def __init__(self, options: MetricsOptions, figures: Callable[[], Any]) -> None:
-        """`figures` asks the daemon, in a thread of its own. Raises ConfigurationError and
+        """`figures` queries the daemon, in a separate thread. Raises ConfigurationError and
         ExtraMissingError."""
         try:
             from prometheus_client.exposition import choose_encoder
@@ -64,18 +62,18 @@ class MetricsServer:
         self._encoder, self._metrics_of = choose_encoder, metrics_of
         self._figures = figures
         self.counts: Counter[str] = Counter()
-        """"denied": connections that were not let in."""
+        """Counts of events, such as "denied": refused connections."""
         self._listener = WebSocketListener(options, self.counts, page=self._page)
         self._asking = asyncio.Lock()
 
     @property
     def port(self) -> int:
-        """The port it listens at."""
+        """Port that it listens at."""
         return self._listener.port
 
     @property
     def clients(self) -> int:
-        """None stays connected."""
+        """0: no client stays connected."""
         return self._listener.clients
 
     async def __aenter__(self) -> MetricsServer:
@@ -84,7 +82,7 @@ class MetricsServer:
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
-        """Let all go."""
+        """Disconnect all clients."""
         await self._listener.close()
 
     async def _page(self, path: str, headers: Headers) -> Answer | None:
@@ -113,7 +111,7 @@ class _Collected:
 
 
 def asked(socket: str) -> Any:
-    """The daemon's answer to ``figures``. Raises AddressError and ControlError."""
+    """Return the daemon's answer to ``figures``. Raises AddressError and ControlError."""
     with ControlClient(socket, timeout_s=ANSWER_S) as client:
         return client.ask("figures")
 

@@ -1,6 +1,6 @@
 """The daemon's processes: a session, or a server, from its start to its end.
 
-Callbacks in threads of their own report their output and their end; nothing here decides.
+Callbacks in separate threads report their output and their end.
 """
 
 from __future__ import annotations
@@ -33,27 +33,28 @@ from cardan.gateway.session.snapshot import DeviceSnapshot, Snapshot
 from cardan.gateway.session.supervisor import KILL_AFTER_S, SessionProcess
 
 SERVER_LEAVES_WITHIN_S: Final = 8.0
-"""So long after it was asked to end a server is killed: it closes its clients' connections."""
+"""Time after which a server that was requested to end is killed: it closes its clients'
+connections."""
 
 LINE_BYTES: Final = 4096
-"""Longest line of output that is kept together."""
+"""Longest line of output that is kept whole."""
 
 LINES_AT_ONCE: Final = 1000
 LINES_A_SECOND: Final = 200
-"""Most lines of a process that are taken, at once and per second; more are only counted. A flood of
-lines from one process would keep the daemon from all others."""
+"""Most lines taken from a process, at once and per second; further ones are only counted. A flood
+of lines from one process would keep the daemon from the others."""
 
 _log = logging.getLogger(__name__)
 
 Say = Callable[[str], None]
-"""A line that a process has written; those of its log begin with their priority."""
+"""Called with each line that a process has written; lines of its log begin with their priority."""
 
 Over = Callable[[Ended, str], None]
-"""`over(how, reason)`: a process has ended."""
+"""Called with outcome and reason once a process has ended."""
 
 
 class Process(ABC):
-    """A process that runs. `say` and `over` of its maker are called in threads of its own."""
+    """A running process. Its callbacks `say` and `over` are called in separate threads."""
 
     @property
     @abstractmethod
@@ -62,15 +63,15 @@ class Process(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Ask it to end in good order. Does not wait; twice is fine."""
+        """Request its end in good order. Does not wait; twice is fine."""
 
     @abstractmethod
     def join(self, timeout_s: float) -> None:
-        """Wait until it has ended and all was told."""
+        """Wait until it has ended and everything was reported."""
 
 
 class RunningSession(Process):
-    """A session that runs, watched in a thread of its own."""
+    """A running session, watched in a separate thread."""
 
     def __init__(
         self,
@@ -83,9 +84,9 @@ class RunningSession(Process):
         """Start it. `answered` gets its replies and the states of motions; `has_device`: whether it
         begins with its operator device. Raises OSError."""
         self.snapshot = Snapshot(device=DeviceSnapshot(held=has_device))
-        """The newest one."""
+        """The newest snapshot."""
         self.due_s = time.monotonic() + STARTS_WITHIN_S
-        """Local monotonic time of the next one, at the latest."""
+        """Local monotonic time by which the next snapshot is due."""
         self._over, self._answered = over, answered
         self._lines = Lines(say)
         self._process = SessionProcess(
@@ -99,7 +100,7 @@ class RunningSession(Process):
         return self._process.pid
 
     def send(self, packet: bytes) -> None:
-        """Send a request. Raises OSError where it takes none."""
+        """Send a request. Raises OSError if it takes none."""
         self._process.send(packet)
 
     def stop(self) -> None:
@@ -137,11 +138,11 @@ _HOW = {
 
 
 class RunningServer(Process):
-    """A server that runs: ``cardan net server`` with the words given, which ends with this
+    """A running server: ``cardan net server`` with the given words, which ends with this
     process."""
 
     def __init__(self, words: Sequence[str], say: Say, over: Over, socket: str) -> None:
-        """Start it; `socket`: of the daemon. Raises OSError."""
+        """Start it; `socket`: that of the daemon. Raises OSError."""
         self.endpoint = ""
         """Endpoint, once it serves."""
         self.figures: dict[str, int] = {}
@@ -219,7 +220,7 @@ class RunningServer(Process):
 
 
 class Lines:
-    """Splits the output of a process into lines, and takes only so many."""
+    """Splits the output of a process into lines, limited in rate."""
 
     def __init__(self, say: Say, clock: Callable[[], float] = time.monotonic) -> None:
         self._say, self._left, self._clock = say, b"", clock
@@ -241,7 +242,7 @@ class Lines:
                 self._take(line.decode(errors="backslashreplace").rstrip())
 
     def end(self) -> None:
-        """Nothing more comes: take the last line without its end."""
+        """Take the last line without its end."""
         self.take(b"\n")
         self._tell_dropped()
 
@@ -260,4 +261,4 @@ class Lines:
 
 
 ENDS_WITHIN_S: Final = max(KILL_AFTER_S, SERVER_LEAVES_WITHIN_S) + 2.0
-"""Longest time for any of them to end once it was asked to."""
+"""Longest time for any of them to end after the request."""

@@ -1,7 +1,5 @@
-"""When a process of the daemon runs, without I/O: started, watched, started again, given up.
-
-Local monotonic time, s, comes in with every call.
-"""
+"""Restart policy of the daemon's processes, without I/O: start, watch, restart, give up. Local
+monotonic time, s, is an argument of each call."""
 
 from __future__ import annotations
 
@@ -11,59 +9,56 @@ from typing import Final
 from cardan.types import NEVER_S
 
 FIRST_PAUSE_S: Final = 1.0
-"""Pause before the first new start of a process that has ended by itself."""
+"""Pause before the first restart of a process that has ended by itself."""
 
 LONGEST_PAUSE_S: Final = 30.0
-"""The pauses double up to this one."""
+"""Longest pause; pauses double up to it."""
 
 LASTED_S: Final = 60.0
-"""A process that ran for longer has not failed to start: pauses begin at the first again."""
+"""Running time after which a start counts as successful: the pauses start again at the first."""
 
 
 class UnitState(enum.Enum):
     """State of a unit."""
 
     STOPPED = "stopped"
-    """It is not meant to run."""
+    """The process is not meant to run."""
     RUNNING = "running"
     ENDING = "ending"
-    """It was asked to end."""
+    """The process was requested to end."""
     WAITING = "waiting"
-    """It has ended by itself, and is started again after a pause."""
+    """The process has ended by itself, and is restarted after a pause."""
     FAILED = "failed"
-    """It is given up, until a request starts it."""
+    """The process failed too often, and stays stopped until a request starts it."""
 
 
 class Ended(enum.Enum):
-    """How a process has ended."""
+    """Outcome of a process."""
 
     AS_ASKED = "as asked"
     DIED = "died"
-    """By itself, of a fault of its own."""
+    """The process ended by itself, with a fault of its own."""
     UNABLE = "unable"
-    """A resource is missing: a device, a port. It counts towards no limit."""
+    """A resource is missing: a device, a port. Does not count towards the limit."""
     MISCONFIGURED = "misconfigured"
-    """Starting it again would change nothing."""
+    """The configuration is wrong: a restart would change nothing."""
 
 
 class Unit:
-    """A process that is to run: when it is started, and how often again.
-
-    The caller starts a process when `due`, tells of its beginning and its end, and asks it to end
-    while `is_ending`.
-    """
+    """Restart policy of one process. The caller starts the process when `due`, reports its begin
+    and its end, and requests its end while `is_ending`."""
 
     def __init__(self, name: str, start_limit: int) -> None:
-        """`start_limit`: starts in a row, none of which lasted, after which it is given up."""
+        """`start_limit`: short starts in a row after which it stays stopped."""
         self.name = name
         self.start_limit = start_limit
         self.state = UnitState.STOPPED
         self.reason = ""
-        """Why it is not running, in words."""
+        """Reason why it is not running."""
         self.restarts = 0
-        """How often it was started again after an end of its own."""
+        """Count of restarts after an end of its own."""
         self.since_s = NEVER_S
-        """Since when it is in its state."""
+        """Time since when it has its state."""
         self._due_s = NEVER_S
         self._pause_s = FIRST_PAUSE_S
         self._failures = 0
@@ -72,7 +67,7 @@ class Unit:
     # -- requests --------------------------------------------------------------------------------
 
     def start(self, now_s: float) -> None:
-        """It is to run from now on."""
+        """Request that it run from now on."""
         if self.state is UnitState.ENDING:
             self._then_start = True
         elif self.state is not UnitState.RUNNING:
@@ -80,7 +75,7 @@ class Unit:
             self._wait(now_s, now_s)
 
     def stop(self, now_s: float, reason: str = "stopped by hand") -> None:
-        """It is not to run any more."""
+        """Request that it end and stay stopped."""
         self._then_start = False
         if self.state is UnitState.RUNNING:
             self._enter(UnitState.ENDING, now_s, reason)
@@ -88,7 +83,7 @@ class Unit:
             self._enter(UnitState.STOPPED, now_s, reason)
 
     def restart(self, now_s: float, reason: str = "restarted by hand") -> None:
-        """It is to end, and to begin anew."""
+        """Request that it end and start again."""
         running = self.state in (UnitState.RUNNING, UnitState.ENDING)
         if running:
             self.stop(now_s, reason)
@@ -98,30 +93,30 @@ class Unit:
 
     @property
     def due_s(self) -> float | None:
-        """When a process is to be started; None: not by itself."""
+        """Time of the next start; None: only by request."""
         return self._due_s if self.state is UnitState.WAITING else None
 
     def due(self, now_s: float) -> bool:
-        """Whether a process is to be started now."""
+        """Return whether the process is to be started now."""
         return self.state is UnitState.WAITING and now_s >= self._due_s
 
     @property
     def wanted(self) -> bool:
-        """Whether it runs, or is to run again by itself."""
+        """True if it runs, or is to be restarted."""
         ending = self.state is UnitState.ENDING and self._then_start
         return ending or self.state in (UnitState.RUNNING, UnitState.WAITING)
 
     @property
     def is_ending(self) -> bool:
-        """Whether its process is to end."""
+        """True if its process is to end."""
         return self.state is UnitState.ENDING
 
     def begun(self, now_s: float) -> None:
-        """Its process has been started."""
+        """Record that its process has been started."""
         self._enter(UnitState.RUNNING, now_s, "")
 
     def ended(self, how: Ended, reason: str, now_s: float) -> None:
-        """Its process has ended; `reason` in words."""
+        """Record that its process has ended, and why."""
         lasted = now_s - self.since_s > LASTED_S
         if self.state is UnitState.ENDING:
             words = self.reason

@@ -33,25 +33,25 @@ from cardan.types import NEVER_S
 GROUP_TOO: Final = 0o660
 
 MAX_CONNECTIONS: Final = 64
-"""Programs that are connected at once; one more is refused."""
+"""Most programs connected at a time; further ones are refused."""
 
 MAX_UNREAD_BYTES: Final = 1 << 20
-"""Bytes that may wait for a client that does not read; a client with more is disconnected."""
+"""Most bytes that wait for a client that does not read; beyond, it is disconnected."""
 
 READ_BYTES: Final = 1 << 16
-"""Most bytes that are read of a client at once."""
+"""Most bytes per read of a client."""
 
 TURN_S: Final = 0.01
-"""Longest time for the requests of one client before others have their turn."""
+"""Longest time for the requests of one client in a turn."""
 
 BACKLOG: Final = MAX_CONNECTIONS
-"""Programs that wait until they are connected; others would be refused at once."""
+"""Most programs that wait for their connection; others would be refused at once."""
 
 SHORTAGE_PAUSE_S: Final = 0.5
 """Pause of accepting connections when no file can be opened for one."""
 
 STOOD_STILL_S: Final = 0.05
-"""Polling took so much longer than it may: this process was stopped meanwhile."""
+"""Excess duration of a poll that shows a pause of this process."""
 
 _log = logging.getLogger(__name__)
 
@@ -73,19 +73,19 @@ class ControlConnection:
         self.sock, self.role = sock, role
         self.reader = LineReader()
         self.gone: list[Callable[[], None]] = []
-        """Called when it is gone."""
+        """Called when it has disconnected."""
         self.asked: deque[bytes] = deque()
         """Lines that wait for their turn; nothing is read meanwhile."""
         self.empty_s = self.since_s = time.monotonic()
-        """When nothing of it waited to be read, last; and the same when `asked` was read: none of
-        that can have come before."""
+        """Last time at which no data of it waited to be read; and the same when `asked` was read:
+        its lines arrived later."""
         self.backlog = Backlog()
         self._unsent = bytearray()
         self.open = True
 
     def tell(self, *responses: Response) -> None:
-        """Say something to it. Never waits; a client that does not read is disconnected. An answer
-        may exceed MAX_UNREAD_BYTES."""
+        """Send responses. Never waits; a client that does not read is disconnected. An answer may
+        exceed MAX_UNREAD_BYTES."""
         if not self.open:
             return
         if len(self._unsent) > MAX_UNREAD_BYTES:
@@ -99,7 +99,7 @@ class ControlConnection:
 
     @property
     def waits(self) -> bool:
-        """Whether something waits to be sent."""
+        """True if data waits to be sent."""
         return bool(self._unsent)
 
     def flush(self) -> None:
@@ -123,9 +123,9 @@ class ControlServer:
         handle: Callable[[Ask, ControlConnection], Any | None],
         group_role: Role = Role.OPERATOR,
     ) -> None:
-        """`handle` carries out a request and tells its connection; `group_role`: of members of the
-        group. Raises AddressError where the path cannot be had, and ConfigurationError for a group
-        that there is not."""
+        """`handle` carries out a request and answers its connection; `group_role`: role of the
+        group's members. Raises AddressError if the path cannot be used, and ConfigurationError for
+        an unknown group."""
         number = _group_number(group)
         mode = OWNER_ONLY if number is None else GROUP_TOO
         self._socket = UnixSocket(path, socket.SOCK_STREAM, OWNER_ONLY, _ADVICE)
@@ -145,7 +145,7 @@ class ControlServer:
         self._connections: dict[int, ControlConnection] = {}
         self._listening = True
         self._listen_s = NEVER_S
-        """When it accepts connections again, after a shortage."""
+        """Time at which it accepts connections again, after a shortage."""
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._socket.sock, selectors.EVENT_READ)
@@ -188,12 +188,12 @@ class ControlServer:
 
     def _note_empty(self, readable: set[int], now_s: float) -> None:
         for number, connection in self._connections.items():
-            # Of those with lines that wait for their turn it was not looked.
+            # Connections with lines that wait for their turn were not checked.
             if number not in readable and not connection.asked:
                 connection.empty_s = now_s
 
     def _accept(self) -> None:
-        """Take all that wait, as far as there may be at once."""
+        """Accept all waiting connections, up to the limit."""
         for _ in range(BACKLOG):
             try:
                 sock, _ = self._socket.sock.accept()
@@ -219,7 +219,8 @@ class ControlServer:
         self._selector.register(sock, selectors.EVENT_READ)
 
     def _role_of(self, sock: socket.socket) -> Role:
-        """By the client's user, from the kernel; if unknown, the group's role."""
+        """Return the role of the client's user, known from the kernel; if unknown, the group's
+        role."""
         owners = (0, os.geteuid())
         return Role.ADMIN if user_of(sock) in owners else self._group_role
 
@@ -248,7 +249,7 @@ class ControlServer:
             connection.open = False
 
     def _answer_some(self, connection: ControlConnection) -> None:
-        """Answer for TURN_S at most, so that a client with many requests keeps no other waiting."""
+        """Answer for TURN_S at most, so that a client with many requests does not delay others."""
         end_s = time.monotonic() + TURN_S
         while connection.open and connection.asked:
             self._answer(connection.asked.popleft(), connection)
@@ -269,7 +270,7 @@ class ControlServer:
     def _look_at(self, connection: ControlConnection) -> None:
         if not connection.open:
             del self._connections[connection.sock.fileno()]
-            with contextlib.suppress(KeyError):  # It was not looked at while its turn was due.
+            with contextlib.suppress(KeyError):  # It was not checked while its turn was due.
                 self._selector.unregister(connection.sock)
             connection.sock.close()
             for call in connection.gone:
@@ -287,7 +288,7 @@ class ControlServer:
             self._selector.modify(connection.sock, events)
 
     def close(self) -> None:
-        """Let all go and remove the socket. Never raises; twice is fine."""
+        """Disconnect all clients and remove the socket. Never raises; twice is fine."""
         for connection in self._connections.values():
             connection.sock.close()
         self._connections.clear()
@@ -311,7 +312,8 @@ def _group_number(group: str) -> int | None:
 
 
 def _warn_of_folder(path: str, group: str, number: int) -> None:
-    """A user's runtime folder, where the socket is by default, is closed to others."""
+    """Warn if the group's members cannot enter the socket's folder, which a user's runtime folder,
+    the default, does not allow."""
     folder = os.path.dirname(os.path.abspath(path))
     found = os.stat(folder)
     enters = stat.S_IXGRP if found.st_gid == number else stat.S_IXOTH

@@ -1,4 +1,4 @@
-"""The daemon as a service of systemd: the unit, and where it goes."""
+"""The daemon as a service of systemd: its unit, and the unit's path."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from cardan.gateway.session.session import EXIT_CONFIGURATION
 NAME: Final = "cardan.service"
 
 WATCHDOG_S: Final = 10
-"""Longest time without a word of a daemon whose sessions all answer, before it is started anew."""
+"""Longest time between watchdog messages of a daemon whose sessions all answer, before it is
+restarted."""
 
 STOP_S: Final = 20
 """Longest time for all arms to brake and all sessions to leave."""
@@ -28,10 +29,10 @@ ABORT_S: Final = 2
 (SIGSTOP) does not."""
 
 GROUPS: Final = ("input", "dialout", "plugdev")
-"""Groups that udev's rules give operator devices to, as far as this computer has them."""
+"""Groups to which udev's rules give operator devices, if this computer has them."""
 
 OWN_FOLDERS: Final = (Path("/tmp"), Path("/var/tmp"))
-"""Folders that a service of the computer has for itself."""
+"""Folders that a service of the computer has private copies of."""
 
 _UNIT = """[Unit]
 Description=Cardan: teleoperation of robot arms
@@ -87,24 +88,22 @@ LogsDirectory=cardan
 
 
 class SystemdUnit(NamedTuple):
-    """A unit, and where it is."""
+    """A unit, and its path."""
 
     path: Path
     text: str
     user: bool
-    """Whether it is the user's own service manager that runs it."""
+    """True for the user's own service manager."""
 
     @property
     def systemctl(self) -> list[str]:
-        """The command that speaks to its service manager."""
+        """Command that controls its service manager."""
         return ["systemctl", *(["--user"] if self.user else [])]
 
 
 def make_service(files: Sequence[Path], *, system: bool, account: str) -> SystemdUnit:
-    """The service that serves `files`: of the system, as the user `account`, or of this user.
-
-    Raises ConfigurationError for files that are not there.
-    """
+    """Make the service that serves `files`: of the system, as the user `account`, or of this user.
+    Raises ConfigurationError for missing files."""
     for file in files:
         if not file.exists():
             raise ConfigurationError("FILE", f"there is no {file}")
@@ -146,15 +145,15 @@ def _check_found(path: Path) -> None:
 
 
 def _groups() -> str:
-    """The setting that joins the groups of operator devices: systemd starts nothing with one that
-    is not there."""
+    """Return the setting that joins the groups of operator devices: systemd starts nothing with a
+    missing one."""
     known = {group.gr_name for group in grp.getgrall()}
     names = [name for name in GROUPS if name in known]
     return f"SupplementaryGroups={' '.join(names)}\n" if names else ""
 
 
 def _quoted(word: str) -> str:
-    """A word of a command line as systemd.service(5) has it."""
+    """Quote a word of a command line according to systemd.service(5)."""
     word = word.replace("%", "%%").replace("$", "$$")
     return word if word == shlex.quote(word) else '"' + word.replace('"', '\\"') + '"'
 
@@ -167,13 +166,13 @@ def _folder(system: bool) -> Path:
 
 
 def installed(system: bool) -> SystemdUnit:
-    """The service that is installed, or would be."""
+    """Return the service that is installed, or would be."""
     return SystemdUnit(_folder(system) / NAME, "", user=not system)
 
 
 def is_outdated(service: SystemdUnit) -> bool:
-    """Whether the unit that is installed starts the daemon by the name that it had before 0.2.0,
-    which ends at once; False for one that cannot be read."""
+    """Return whether the installed unit starts the daemon by its name before 0.2.0, which ends at
+    once; False if it cannot be read."""
     try:
         text = service.path.read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -182,10 +181,8 @@ def is_outdated(service: SystemdUnit) -> bool:
 
 
 def install(service: SystemdUnit) -> list[str]:
-    """Write the unit and have it started, now and with the computer; return the steps, in lines.
-
-    Raises DriverError where that is refused.
-    """
+    """Write the unit and start it, now and with the computer; return the steps, in lines. Raises
+    DriverError if that is refused."""
     try:
         service.path.parent.mkdir(parents=True, exist_ok=True)
         service.path.write_text(service.text)

@@ -23,14 +23,14 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import NEVER_S
 
 ENGAGED: Final = frozenset({"holding", "moving", "braking", "recovering"})
-"""Phases of an arm that a source moves, or may move at once."""
+"""Phases of an arm that is moved by a source, or may be at once."""
 
 
 class LogLine(NamedTuple):
     """A line that a process has written."""
 
     time_s: float
-    """Since the epoch."""
+    """Time since the epoch, s."""
     name: str
     text: str
     level: str
@@ -44,7 +44,7 @@ class LogLine(NamedTuple):
 
 
 Post = Callable[[Callable[[], None]], None]
-"""Has something done in the daemon's thread."""
+"""Schedules a call in the daemon's thread."""
 
 Say = Callable[[LogLine], None]
 
@@ -59,7 +59,7 @@ class DaemonService(ABC):
         self.process: Process | None = None
         self.use = ProcessorUse()
         self.shown_state = UnitState.STOPPED
-        """The state that the event log knows of."""
+        """The last state in the event log."""
 
     @property
     def name(self) -> str:
@@ -71,10 +71,10 @@ class DaemonService(ABC):
 
     @abstractmethod
     def figures(self, now_s: float) -> dict[str, Any]:
-        """Its row, and all figures that there are of it."""
+        """Return its row, and all of its figures."""
 
     def shown(self, now_s: float) -> dict[str, Any]:
-        """Its row."""
+        """Return its row."""
         unit, process = self.unit, self.process
         return {
             "name": unit.name,
@@ -90,14 +90,14 @@ class DaemonService(ABC):
 
 def why_nothing_moves(s: Snapshot, lent: str) -> str:
     """Return why nothing moves; `lent`: where its device is while another session has it. A fault
-    of the robot comes before that, because programs can move the arm without the device."""
+    of the robot has precedence, because programs can move the arm without the device."""
     if s.device.held:
         return s.arm.message or s.robot.hold_reason or s.device.reason
     return s.robot.hold_reason or lent
 
 
 class SessionService(DaemonService):
-    """A session."""
+    """Service that runs a session."""
 
     kind = "session"
 
@@ -107,17 +107,17 @@ class SessionService(DaemonService):
         """Configuration with which its process runs, or will."""
         self.watch = SessionWatch(name)
         self.last: Snapshot | None = None
-        """Last snapshot of a process that has ended, while no events were found of it yet."""
+        """Last snapshot of a process that has ended, until its events were found."""
         self.changes_wait: tuple[str, ...] = ()
-        """Keys of its configuration that take effect as soon as its arm is free: it begins anew
-        then, or ends if it was removed."""
+        """Keys of its configuration that take effect as soon as its arm is free: the session is
+        restarted then, or ends if it was removed."""
         self.answered: Callable[[bytes], None] = lambda _packet: None
         self.gone: Callable[[str], None] = lambda _reason: None
         """Called when its process has ended."""
         self.has_device: Callable[[], bool] = lambda: True
-        """Whether it begins with its device, which other sessions may have."""
+        """Returns whether it begins with its device, which other sessions may have."""
         self.lent: Callable[[], str] = lambda: ""
-        """Place of its device, in words."""
+        """Returns the place of its device, as text."""
 
     @property
     def snapshot(self) -> Snapshot:
@@ -172,7 +172,7 @@ class SessionService(DaemonService):
 
 
 class ServerService(DaemonService):
-    """A server."""
+    """Service that runs a server."""
 
     kind = "server"
 
@@ -180,7 +180,7 @@ class ServerService(DaemonService):
         super().__init__(name, start_limit)
         self.entry = entry
         self.socket = ""
-        """The daemon's, for servers that ask it."""
+        """The daemon's socket, for servers that query it."""
 
     def begin(self, post: Post, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:

@@ -11,22 +11,21 @@ from typing import Final
 
 STARTS_WITHIN_S: Final = 60.0
 """Longest time until a session's first snapshot: all sessions of a lab import their arms' models at
-once, and a small computer, which would be no quicker if the daemon were started anew, takes some
-10 s for each."""
+once, which takes a small computer some 10 s for each, and would again after a restart."""
 
 HUNG_S: Final = 8.0
-"""Longest time between snapshots of a session: one whose loop hangs, and that its supervisor cannot
-help, ends the daemon by its watchdog."""
+"""Longest time between snapshots of a session: a session that hangs beyond it, and that its
+supervisor cannot end, ends the daemon by its watchdog."""
 
 WATCHDOG_SHARE: Final = 0.4
-"""The watchdog is fed this often within its time: sd_watchdog_enabled(3) asks for half of it."""
+"""Share of the watchdog's time after which it is fed: sd_watchdog_enabled(3) recommends half."""
 
 
 class Notifier:
-    """Speaks to the service manager that has started this process; without one it does nothing."""
+    """Notifies the service manager that has started this process; without one it does nothing."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ, pid: int | None = None) -> None:
-        """`environment` has NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID, where they are."""
+        """`environment` has NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID, if set."""
         self._path = environment.get("NOTIFY_SOCKET", "")
         watched = environment.get("WATCHDOG_PID", "") in ("", str(pid or os.getpid()))
         usec = environment.get("WATCHDOG_USEC", "")
@@ -36,19 +35,19 @@ class Notifier:
 
     @property
     def watched(self) -> bool:
-        """Whether the service manager expects watchdog messages."""
+        """True if the service manager expects watchdog messages."""
         return bool(self._path) and self._period_s > 0.0
 
     def ready(self) -> None:
-        """It serves; also after a reload."""
+        """Report that it serves; also after a reload."""
         self._send("READY=1")
 
     def reloading(self) -> None:
-        """It reads its files anew; `ready` ends it."""
+        """Report that it reads its files again; `ready` ends it."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
-        """It ends."""
+        """Report that it ends."""
         self._send("STOPPING=1")
 
     def status(self, words: str) -> None:
@@ -58,7 +57,7 @@ class Notifier:
             self._send("STATUS=" + " ".join(words.split()))
 
     def alive(self, now_s: float) -> None:
-        """Feed the watchdog, if it is time to."""
+        """Feed the watchdog if it is due."""
         if self.watched and now_s >= self._due_s:
             self._due_s = now_s + self._period_s
             self._send("WATCHDOG=1")

@@ -1,4 +1,4 @@
-"""How much of a processor a process uses."""
+"""Processor usage of a process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _UTIME, _STIME = 11, 12
 
 
 def processor_time_s(pid: int) -> float | None:
-    """Time on processors so far, by Linux's proc(5); None where that is not to be had."""
+    """Return the time on processors so far, by Linux's proc(5); None if not available."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
     except OSError:
@@ -24,7 +24,7 @@ def processor_time_s(pid: int) -> float | None:
 
 
 class ProcessorUse:
-    """Share of one processor that a process used lately."""
+    """Share of one processor that a process used recently."""
 
     def __init__(self) -> None:
         self._pid = 0
@@ -32,7 +32,7 @@ class ProcessorUse:
         self._share: float | None = None
 
     def share(self, pid: int, now_s: float) -> float | None:
-        """By now, 1.0 for a whole processor; None before there is a figure."""
+        """Return the present share, 1.0 for a whole processor; None before the first figure."""
         if pid != self._pid:
             self._pid, self._before, self._share = pid, None, None
         if self._before is not None and now_s - self._before[0] < WINDOW_S:

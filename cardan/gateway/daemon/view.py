@@ -1,9 +1,6 @@
-"""Sessions and servers of the daemon as a person sees them: the table of ``cardan daemon ps`` and
-``cardan daemon top``.
-
-Each has a line, and below it others where there is something to say: why its arm does not move,
-why it does not run, where it serves, how far its device is.
-"""
+"""Sessions and servers of the daemon for people: the table of ``cardan daemon ps`` and ``cardan
+daemon top``. Each has a line, and below it further ones if needed: why its arm does not move, why
+it does not run, its endpoint, the delay of its device."""
 
 from __future__ import annotations
 
@@ -26,10 +23,10 @@ RIGHT: Final = frozenset({"for", "cpu"})
 """Columns of figures."""
 
 MAY_SHRINK: Final = ("robot", "device", "name", "moved by", "for")
-"""Columns that are cut where the terminal is too narrow, the longest first."""
+"""Columns that are cut if the terminal is too narrow, the longest first."""
 
 SHORTEST_CELLS: Final = 6
-"""No column is cut to less."""
+"""Width below which no column is cut."""
 
 STYLES: Final = {
     "running": "green", "waiting": "yellow", "ending": "yellow", "failed": "bold red",
@@ -46,7 +43,7 @@ Row = Mapping[str, Any]
 
 
 def sorted_rows(rows: Iterable[Row]) -> list[Row]:
-    """Sessions, then servers, each by name; of `ur5-10` and `ur5-9` the latter comes first."""
+    """Return sessions, then servers, each by name; `ur5-9` precedes `ur5-10`."""
 
     def key(row: Row) -> tuple[bool, list[tuple[int, int, str]]]:
         parts = re.findall(r"\d+|\D+", row["name"])
@@ -57,7 +54,7 @@ def sorted_rows(rows: Iterable[Row]) -> list[Row]:
 
 
 def table(rows: Iterable[Row], width: int | None = None) -> Text:
-    """All of them, as many cells wide as `width` at most; None: as wide as they are."""
+    """Return the table of all rows, at most `width` cells wide; None: as wide as needed."""
     ordered = sorted_rows(rows)
     cells = [_cells(row) for row in ordered]
     widths = _widths([COLUMNS, *cells], width)
@@ -74,7 +71,7 @@ def table(rows: Iterable[Row], width: int | None = None) -> Text:
 
 
 def why(row: Row) -> str:
-    """Why it does not run or its arm does not move, waiting changes, and where it serves."""
+    """Return why it does not run or its arm does not move, waiting changes, and its endpoint."""
     words = [row["reason"] or row.get("why", "")]
     if row.get("changes_wait"):
         waits = ", ".join(row["changes_wait"])
@@ -85,7 +82,7 @@ def why(row: Row) -> str:
 
 
 def way(metrics: Mapping[str, float | None]) -> str:
-    """Of a device on another computer, the figures of the way from there; else empty."""
+    """Return the figures of the link to a device on another computer; else empty."""
     names = ("delay_s", "jitter_s", "loss", "age_s")
     delay_s, jitter_s, loss, age_s = map(metrics.get, names)
     if delay_s is None or jitter_s is None or loss is None or age_s is None:
@@ -97,7 +94,7 @@ def way(metrics: Mapping[str, float | None]) -> str:
 
 
 def frame(rows: Sequence[Row], width: int | None) -> Text:
-    """A frame of ``cardan daemon top``."""
+    """Return a frame of ``cardan daemon top``."""
     counts = [
         f"{len(found)} {kind}{'s' * (len(found) != 1)}"
         for kind in ("session", "server")
@@ -113,7 +110,7 @@ def frame(rows: Sequence[Row], width: int | None) -> Text:
 
 
 def show(rows: Sequence[Row], console: Console, panel: LivePanel) -> None:
-    """Show it in the panel, or, where that is not on a terminal, as lines."""
+    """Show the rows in the panel, or, if that is not on a terminal, as lines."""
     if panel.drawn:
         panel.update(frame(rows, width_of(console)))
     else:
@@ -121,7 +118,8 @@ def show(rows: Sequence[Row], console: Console, panel: LivePanel) -> None:
 
 
 def width_of(console: Console) -> int | None:
-    """The width of a terminal; None: a program or a file reads it, and takes lines of any."""
+    """Return the width of a terminal; None: a program or a file reads the output, and takes any
+    width."""
     return console.width if console.is_terminal else None
 
 

@@ -1,7 +1,5 @@
-"""From a sensor's reading to a force for the hand: tare, dead band, axes, scale, low-pass filter.
-
-Pure values in, pure values out; time comes with the readings.
-"""
+"""Conditioning of a sensor's reading for the hand: tare, dead band, axes, scale, low-pass filter.
+No I/O; time is part of the readings."""
 
 from __future__ import annotations
 
@@ -16,18 +14,19 @@ from cardan.spatial import limit_norm, norm, rotate
 from cardan.types import NEVER_S, ZERO3, Frame, Pose, Vector3
 
 TARE_S = 0.5
-"""How long the readings at rest are averaged for zero: noise of 0.3 N at 250 Hz leaves 0.03 N."""
+"""Time over which the readings at rest are averaged for zero: noise of 0.3 N at 250 Hz leaves 0.03
+N."""
 
 TARE_READINGS = 10
 """Least number of readings averaged, for slow sensors."""
 
 TARE_SPREAD_N = 5.0
-"""Largest difference between readings of a tool at rest: beyond it the tare begins anew."""
+"""Largest difference between readings of a tool at rest: beyond it the tare starts again."""
 
 TARE_REASON = f"its zero is being taken: leave the robot at rest, clutched out, for {TARE_S} s"
 
 FORGET_AFTER_S = 0.1
-"""Longest time between two values after which the filter begins anew."""
+"""Longest time between two values after which the filter starts again."""
 
 EXTRAPOLATED_S = 0.008
 """Longest time for which a device extrapolates a force by its rate."""
@@ -35,7 +34,7 @@ EXTRAPOLATED_S = 0.008
 
 @dataclass(frozen=True, kw_only=True)
 class Conditioning(Options):
-    """How a reading becomes a force for the hand."""
+    """Options for turning a reading into a force for the hand."""
 
     scale: Annotated[float, bounds.FORCE_SCALE] = 0.02
     """N in the hand for each N at the robot."""
@@ -45,7 +44,7 @@ class Conditioning(Options):
 
 
 class Tare:
-    """The mean of a sensor's readings at rest."""
+    """Mean of a sensor's readings at rest."""
 
     def __init__(self, wanted: bool = True) -> None:
         self.value = ZERO3
@@ -61,7 +60,7 @@ class Tare:
         self._high = [-math.inf] * 3
 
     def add(self, force: Vector3, now_s: float, at_rest: bool) -> None:
-        """Take one reading into account, while the tare is not taken."""
+        """Add one reading until the tare is complete."""
         if self.taken:
             return
         if not at_rest:
@@ -85,7 +84,7 @@ class Tare:
 
 
 def without_band(value: float, band: float) -> float:
-    """`value` less a dead band around zero: continuous, without steps at its edge."""
+    """Return `value` less a dead band around zero: continuous, without steps at its edge."""
     if value > band:
         return value - band
     return value + band if value < -band else 0.0
@@ -128,7 +127,7 @@ class Conditioner:
     def __init__(
         self, options: Conditioning, *, rests_at_zero: bool = False, shaped: bool = False
     ) -> None:
-        """`rests_at_zero`: there is nothing to tare; `shaped`: only the filter is left to do."""
+        """`rests_at_zero`: no tare is needed; `shaped`: only the filter is applied."""
         self.options = options
         self.tare = Tare(options.tare and not (rests_at_zero or shaped))
         self.filtered = LowPass(options.cutoff_hz)
@@ -137,7 +136,7 @@ class Conditioner:
         """N at the tool, along the sensor's axes, without the tare."""
         self._shaped = shaped
         self.reason = ""
-        """Why a reading was rejected."""
+        """Reason for rejecting the last reading."""
 
     @property
     def rate(self) -> Vector3:
@@ -147,7 +146,7 @@ class Conditioner:
         return limit_norm(filtered.rate, norm(filtered.value) / EXTRAPOLATED_S)
 
     def add(self, reading: Reading, at_rest: bool, tcp: Pose | None) -> bool:
-        """Take a reading; False when it gives no force (`reason` says why)."""
+        """Take a reading; return False if it gives no force (`reason` says why)."""
         raw = reading.force
         if not self.tare.taken:
             self.tare.add(raw, reading.stamp_s, at_rest)

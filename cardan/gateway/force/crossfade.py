@@ -1,8 +1,8 @@
 """Removes jumps from the map that forces are rendered by.
 
-When both references are captured anew (`recapture`), the same position of the hand means another
+After a new capture of both references (`recapture`) the same position of the hand maps to another
 position of the TCP from one cycle to the next, and a wall would jump onto a hand that did not move.
-So the rendered map approaches the true one slowly. Time is an argument.
+The rendered map therefore approaches the true one slowly. Time is an argument.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ CROSSFADE_M_S = 0.01
 as force begins at a clutch-in, and slow enough to yield to."""
 
 LONGEST_STEP_S = 0.05
-"""Longest time step: a session that stalled must not make a jump."""
+"""Longest time step: a session that stalled must not cause a jump."""
 
 NOTHING_M = 1e-9
 """Offsets below this are rounding."""
 
 
 class MapCrossfade:
-    """Follows the map of one engagement after the other."""
+    """Rendered map across successive engagements."""
 
     def __init__(self) -> None:
         self.left = ZERO3
@@ -38,11 +38,9 @@ class MapCrossfade:
         self._map, self.left = None, ZERO3
 
     def follow(self, world: WorldMap, hand: Vector3, now_s: float) -> WorldMap:
-        """The map to render where `world` is the true one, for a hand at `hand` (m, device axes).
-
-        Apart from CROSSFADE_M_S the rendered position moves only as far as the hand does: by so
-        much the map may slip, or stop at the workspace's edge.
-        """
+        """Return the map to render while `world` is the true one, for a hand at `hand` (m, device
+        axes). Beyond CROSSFADE_M_S the rendered position moves only as far as the hand does: the
+        map may slip by as much, or stop at the workspace's edge."""
         before = self._map
         if before is not None:
             if self.left != ZERO3:

@@ -12,27 +12,27 @@ from cardan.spatial import dot, norm, subtract
 from cardan.types import Vector3
 
 CONTACT_CUTOFF_HZ = 10.0
-"""Cut-off of the filter on the contact force before it is judged: 0.3 N of noise leave 0.1 N."""
+"""Cut-off of the filter on the contact force before its evaluation: 0.3 N of noise leave 0.1 N."""
 
 CONTACT_FROM_N, CONTACT_UNTIL_N = 1.0, 0.5
 """Contact begins above the first, and ends below the second."""
 
 LONGEST_PERIOD_S = 0.1
-"""Longest time that one reading stands for."""
+"""Longest time counted for one reading."""
 
 FELT_FROM_N = 0.05
-"""A smaller force on the hand has no direction to measure a depth along."""
+"""Smallest force on the hand with a direction along which a depth is measured."""
 
 PATH_STEP_M = 0.0005
-"""The path drawn is counted in steps of this length, so that noise at rest draws nothing."""
+"""Step length for the path in contact: noise at rest adds nothing."""
 
 
 class ContactFigures:
-    """The contact force, and the path that the TCP drew while it touched something."""
+    """The contact force, and the path of the TCP in contact."""
 
     def __init__(self) -> None:
         self.force_n = 0.0
-        """Now."""
+        """Present contact force, N."""
         self.time_s = 0.0
         self.path_m = 0.0
         self.touching = False
@@ -62,7 +62,7 @@ class ContactFigures:
             self._corner = place
 
     def lift(self) -> None:
-        """No force is measured: whether there is contact is unknown."""
+        """Mark the contact as unknown: no force is measured."""
         self.touching, self.force_n, self._corner = False, 0.0, None
 
     @property
@@ -92,17 +92,17 @@ class ContactFigures:
 
 
 class StiffnessFigures:
-    """Depth of the hand in contact, and the stiffness that it feels there."""
+    """Depth of the hand in contact, and the stiffness rendered to it."""
 
     def __init__(self) -> None:
         self.depth_m = 0.0
-        """Deepest so far, from where the hand was when the tool first touched."""
+        """Largest depth so far, from the hand's position at the first touch."""
         self._origin: Vector3 | None = None
         self._work = self._square_m2 = 0.0
 
     def add(self, place: Vector3 | None, force: Vector3) -> None:
-        """Take the hand's place and the force on it (N), both in the hand frame; the place is None
-        while the tool touches nothing, or the hand is clutched out."""
+        """Add the hand's position and the force on it (N), both in the hand frame; the position is
+        None while the tool touches nothing, or the hand is clutched out."""
         if place is None:
             self._origin = None
             return
@@ -138,7 +138,7 @@ class HapticFigures:
         self.newest = HapticState()
 
     def add(self, state: HapticState, fixtures: bool, measured: bool) -> None:
-        """Take the device's newest snapshot; whether it renders fixtures, and a measured force."""
+        """Add the device's newest snapshot, with or without fixtures and a measured force."""
         self.newest = state
         self.peak_n = max(self.peak_n, state.peak_n)
         self.given_peak_j = max(self.given_peak_j, state.given_peak_j)
@@ -148,7 +148,7 @@ class HapticFigures:
             self.measured_age.add(state.force_age_s)
 
     def report(self) -> ForceSnapshot:
-        """Its figures of a snapshot."""
+        """Return its figures of a snapshot."""
         state = self.newest
         return ForceSnapshot(
             state=state.state.value,

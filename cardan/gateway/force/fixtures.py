@@ -1,9 +1,7 @@
-"""Fixtures: made of their tables, placed at the TCP, and evaluated.
-
-In a session the device's own loop evaluates them, 1000 times a second on the place of the stylus.
-The evaluation here is for a force node, which does it on the robot's TCP as the paper of 2026 has
-it, and for contacts that are computed.
-"""
+"""Haptic fixtures: construction from their tables, placement at the TCP, evaluation. In a session
+the device's own loop evaluates them, 1000 times a second at the position of the stylus. The
+evaluation here is for a force node, which uses the robot's TCP as in the paper of 2026, and for
+computed contacts."""
 
 from __future__ import annotations
 
@@ -30,11 +28,11 @@ from cardan.spatial import add, dot, limit_norm, norm, rotate, scale, subtract
 from cardan.types import ZERO3, Quaternion, Vector3
 
 UP = Vector3(0.0, 0.0, 1.0)
-"""Direction of the push at a body's very center, where every direction is as near."""
+"""Direction of the push at a body's very center, where all directions are equally near."""
 
 
 def matrix_of(q: Quaternion) -> Matrix3:
-    """The rotation `q` as a matrix, row by row."""
+    """Return the rotation `q` as a matrix, row by row."""
     x, y, z = (
         rotate(q, unit)
         for unit in (Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0))
@@ -43,26 +41,26 @@ def matrix_of(q: Quaternion) -> Matrix3:
 
 
 def turned(matrix: Matrix3, v: Vector3) -> Vector3:
-    """`matrix` · `v`."""
+    """Return `matrix` · `v`."""
     a, b, c, d, e, f, g, h, i = matrix
     x, y, z = v
     return Vector3(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
 
 
 def turned_back(matrix: Matrix3, v: Vector3) -> Vector3:
-    """`matrix`ᵀ · `v`."""
+    """Return `matrix`ᵀ · `v`."""
     a, b, c, d, e, f, g, h, i = matrix
     x, y, z = v
     return Vector3(a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z)
 
 
 def world_point(world: WorldMap, hand: Vector3) -> Vector3:
-    """Position of `hand` in the world."""
+    """Return the position of `hand` in the world."""
     return add(turned(world.linear, hand), world.offset)
 
 
 def unit(direction: Sequence[float]) -> Vector3:
-    """`direction` at length 1."""
+    """Return `direction` scaled to length 1."""
     v = Vector3(*direction)
     return scale(v, 1.0 / norm(v))
 
@@ -80,7 +78,7 @@ class FixtureTable(Options, ABC):
 
     @abstractmethod
     def made(self, tcp: Vector3 = ZERO3) -> Fixture:
-        """The fixture; one without a configured position stands at `tcp`."""
+        """Make the fixture; without a configured position it stands at `tcp`."""
 
 
 class FixtureSet:
@@ -92,7 +90,7 @@ class FixtureSet:
             None if table.moment else table.made() for table in tables
         ]
         self.fixtures: tuple[Fixture, ...] = ()
-        """Those whose position is known. The same object until that changes."""
+        """Fixtures with a known position. The same object until that changes."""
         self._gather()
 
     def place(self, moment: str, tcp: Vector3) -> None:
@@ -109,7 +107,8 @@ class FixtureSet:
 
 
 def fixture_force(fixture: Fixture, point: Vector3, velocity: Vector3 = ZERO3) -> Vector3:
-    """The force of `fixture` on a body at `point` that moves at `velocity` (m, m/s, N; world)."""
+    """Return the force of `fixture` on a body at `point` that moves at `velocity` (m, m/s, N;
+    world)."""
     if isinstance(fixture, Viscous):
         return limit_norm(scale(velocity, -fixture.damping_n_s_m), fixture.cap_n)
     if isinstance(fixture, Spring):
@@ -132,7 +131,7 @@ def fixture_force(fixture: Fixture, point: Vector3, velocity: Vector3 = ZERO3) -
 
 
 def outward_of_round(away: Vector3, radius: float, inside: bool = False) -> tuple[Vector3, float]:
-    """The unit vector out of a round body's material, and how deep the point is in it, m, that is
+    """Return the unit vector out of a round body's material, and the depth, m, of the point that is
     `away` from its center or axis."""
     distance = norm(away)
     outward = scale(away, 1.0 / distance) if distance > 1e-9 else UP

@@ -1,4 +1,4 @@
-"""A measured force on its way to the hand: read, conditioned, dropped when it is old, faded in."""
+"""A measured force for the hand: reading, conditioning, age limit, fade-in."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cardan.spatial import scale
 from cardan.types import NEVER_S, Pose, RobotState, Vector3
 
 FADE_IN_S = 0.5
-"""How long a measured force takes to fade in once the device renders force, or when it comes back
-during an engagement (a sensor, a force node). Before that it is zero: a device begins with a small
-force only, so that of a tool in contact would not be rendered."""
+"""Duration of the fade-in of a measured force once the device renders force, or when the force
+returns during an engagement (a sensor, a force node). Before that it is zero: a device begins with
+a small force only, so that of a tool in contact would not be rendered."""
 
 MeasuredTcp = Callable[[RobotState], Pose | None]
-"""The measured TCP of a state, base frame; None where it is not known."""
+"""Returns the measured TCP of a state, base frame; None if it is not known."""
 
 
 class ForceInput:
-    """A source of measured forces, in a session with a haptic device."""
+    """Source of measured forces in a session with a haptic device."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class ForceInput:
         contact_target_n: float | None = None,
     ) -> None:
         """A force older than `max_age_s` is not rendered. `stiffness_n_m`: its growth with the
-        hand's motion until the next one. `contact_target_n`: the contact force that is wanted."""
+        hand's motion until the next one. `contact_target_n`: the intended contact force."""
         self.source = source
         self.conditioner = conditioner
         self.contact = ContactFigures()
@@ -44,7 +44,7 @@ class ForceInput:
         self._contact_target_n = contact_target_n
         self._read_s = NEVER_S
         self._valid = False
-        """Whether the source's newest reading gave a force."""
+        """True if the source's newest reading gave a force."""
         self._stale = False
         self._share = 0.0
         """Share of the force that is faded in."""
@@ -62,11 +62,9 @@ class ForceInput:
         at_rest: bool,
         rendered: bool,
     ) -> bool:
-        """Take the readings of this robot cycle; False while there is no force to render.
-
-        `world` is None while clutched out; `at_rest`: nothing is commanded to move; `rendered`: the
-        device renders force.
-        """
+        """Take the readings of this robot cycle; return False while there is no force to render.
+        `world` is None while clutched out; `at_rest`: no commanded motion; `rendered`: the device
+        renders force."""
         known = tcp(state) if self.source.needs_tcp else None
         self.source.publish(state, known, world, state.stamp_s)
         usable = self._take(state, known, tcp, at_rest and world is None)

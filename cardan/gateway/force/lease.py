@@ -1,4 +1,5 @@
-"""Which node may command the force, and which of its forces count. No I/O; time is an argument."""
+"""Lease of the force: the node that may command it, and its valid forces. No I/O; time is an
+argument."""
 
 from __future__ import annotations
 
@@ -6,10 +7,10 @@ from cardan.gateway.force.link import ForceMessage
 from cardan.types import NEVER_S
 
 LEASE_S = 1.0
-"""Silence after which another node may take a node's place."""
+"""Silence after which another node may replace a node."""
 
 FUTURE_S = 0.1
-"""A stamp farther in the future is of another clock; such a force is dropped."""
+"""A stamp farther in the future is from another clock; such a force is dropped."""
 
 
 class Lease:
@@ -20,14 +21,14 @@ class Lease:
         self.owner: int | None = None
         self.newest: ForceMessage | None = None
         self.dropped = 0
-        """Forces that were stale, out of order, or of the future."""
+        """Count of forces that were stale, out of order, or from the future."""
         self.refused = 0
-        """Nodes that were refused while another was connected."""
+        """Count of nodes that were refused while another was connected."""
         self._heard_s = NEVER_S
         self._stamp_s = NEVER_S
 
     def ask(self, number: int, now_s: float) -> str:
-        """Let `number` own the force. Returns why not; empty when it owns it now."""
+        """Let `number` own the force. Return why not; empty when it owns it now."""
         if self.owner is not None and now_s - self._heard_s < LEASE_S:
             self.refused += 1
             return "another force node is connected: end it first; only one commands the force"
@@ -36,12 +37,12 @@ class Lease:
         return ""
 
     def leave(self, number: int) -> None:
-        """`number` has disconnected; its force is dropped."""
+        """Drop the force of `number`, which has disconnected."""
         if number == self.owner:
             self.owner = self.newest = None
 
     def take(self, number: int, message: ForceMessage, now_s: float) -> bool:
-        """Take a force; False when it is dropped."""
+        """Take a force; return False if it is dropped."""
         if number != self.owner:
             self.dropped += 1
             return False

@@ -49,20 +49,20 @@ _NO_MAP = (0.0,) * 21
 
 
 class StateMessage(NamedTuple):
-    """The robot at one control instant, as the session knows it."""
+    """State of the robot at one control instant, as the session knows it."""
 
     sequence: int
     """Counts the session's messages."""
     stamp_s: float
     ready: bool
-    """Whether a command would move the robot."""
+    """True if a command would move the robot."""
     pose: Pose | None
     wrench: Wrench | None
     world: WorldMap | None
     """Map from the hand's position to the TCP's; None while clutched out."""
 
     def robot_state(self) -> RobotState:
-        """As a RobotState."""
+        """Return it as a RobotState."""
         return RobotState(
             stamp_s=self.stamp_s,
             link=RobotLink.LIVE,
@@ -83,13 +83,13 @@ class ForceMessage(NamedTuple):
     sequence: int
     """Counts the node's messages; a session drops a message whose count does not increase."""
     stamp_s: float
-    """Stamp of the robot's state, or of the sensor's reading, that it was made from."""
+    """Stamp of the robot's state, or of the sensor's reading, from which it was computed."""
     force: Vector3
     """N, as rendered to the hand, along the axes of the robot's base."""
 
 
 class RefusalMessage(NamedTuple):
-    """Why a node is refused; the connection ends."""
+    """Reason for refusing a node; the connection ends."""
 
     reason: str
 
@@ -130,7 +130,7 @@ def encode_refusal(message: RefusalMessage) -> bytes:
 
 
 def decode(packet: bytes) -> Message | None:
-    """The message in `packet`; None where it is none, or has values that are not numbers."""
+    """Decode the message in `packet`; None if it is malformed or has values that are no numbers."""
     if len(packet) < _REFUSAL_AT:
         return None
     magic, version, kind = _HEAD.unpack_from(packet)

@@ -1,4 +1,4 @@
-"""Forces that another program on the network publishes for the hand, one publisher at a time."""
+"""Forces for the hand published by another program on the network, one publisher at a time."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from cardan.types import ZERO3, Frame, Pose, RobotState, Vector3
 
 
 class PublishedFeedback:
-    """The newest feedback of the one publisher that may give it. Time is an argument."""
+    """The newest feedback of the only publisher that may give it. Time is an argument."""
 
     def __init__(self, max_age_s: float) -> None:
-        """`max_age_s`: an older one does not count."""
+        """`max_age_s`: age limit; older feedback is ignored."""
         self._lease = Lease(max_age_s)
         self._max_age_s = max_age_s
         self.stopped = False
-        """Whether the newest word was to stop it."""
+        """True if the newest message stopped it."""
 
     def give(self, publisher: int, sequence: int, asked: Vector3, now_s: float) -> str:
-        """Take the feedback that `publisher` counts as `sequence`. Returns why not; empty when it
-        was taken, or had come before."""
+        """Take the feedback that `publisher` counts as `sequence`. Return why not; empty when it
+        was taken, or was a duplicate."""
         largest = norm(asked)
         if not largest <= MAX_FORCE_N:
             return f"the feedback {tuple(asked)} is not finite, or above {MAX_FORCE_N:g}"
@@ -38,7 +38,7 @@ class PublishedFeedback:
         return ""
 
     def stop(self) -> None:
-        """No feedback until the next; any publisher may give that."""
+        """Render no feedback until the next one, which any publisher may give."""
         owner = self._lease.owner
         if owner is not None:
             self._lease.leave(owner)
@@ -50,7 +50,7 @@ class PublishedFeedback:
         return self._lease.newest
 
     def fresh(self, now_s: float) -> Vector3 | None:
-        """The feedback that counts now; None: there is none."""
+        """Return the valid feedback; None if there is none."""
         newest = self._lease.newest
         if newest is None or now_s - newest.stamp_s > self._max_age_s:
             return None
@@ -81,11 +81,11 @@ class NetworkSource(ForceSource):
     def publish(
         self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
     ) -> None:
-        """Keep the directions of the hand."""
+        """Keep the hand map's rotation."""
         self._rotation = None if world is None else world.rotation
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
-        """The newest force, along the base's axes; after a stop zero."""
+        """Return the newest force, along the base's axes; zero after a stop."""
         if self.feedback.stopped:
             self.reason = ""
             return Reading(state.stamp_s, ZERO3, Frame.BASE)
@@ -97,5 +97,5 @@ class NetworkSource(ForceSource):
         return Reading(newest.stamp_s, force, Frame.BASE)
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force; refusals and drops."""
+        """Reason why there is no force; refusals and drops."""
         return (*super().diagnosis(), *self.feedback.diagnosis())

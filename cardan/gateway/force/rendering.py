@@ -2,8 +2,8 @@
 
 Fixtures go to the device as geometry, together with the map from the hand's position to the TCP's,
 so that its own loop evaluates them. A measured force (`input`) goes with its rate and its stamp.
-Both are rendered from a clutch-in on: before the first one the device is not even enabled
-(`servo_on`). If the force is lost that the hand leans on, teleoperation is disengaged (`watchdog`).
+Rendering starts with a clutch-in: before the first one the device is not enabled (`servo_on`). If a
+force that the hand presses on is lost, teleoperation is disengaged (`watchdog`).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from cardan.gateway.force.watchdog import ForceWatchdog
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
 
 LOOK_PERIOD_S = 0.01
-"""How often the device's snapshot is read for the figures while clutched out; while clutched in it
+"""Period of reading the device's snapshot for the figures while clutched out; while clutched in it
 is read in every cycle."""
 
 NO_MAP = WorldMap()
 
 
 class ForceRenderer:
-    """The force feedback of a session, made anew for each run."""
+    """Force feedback of a session, one instance for each run."""
 
     def __init__(
         self,
@@ -45,9 +45,7 @@ class ForceRenderer:
         warnings: tuple[str, ...] = (),
     ) -> None:
         """Without `rendering` the device is never commanded: only its figures are kept.
-
-        `max_age_s`: a measured force that is older is not rendered.
-        """
+        `max_age_s`: age limit of a measured force."""
         self.device = device
         self.fixtures = fixtures
         self.measured = measured
@@ -62,16 +60,16 @@ class ForceRenderer:
         self._tcp_of: MeasuredTcp = lambda state: state.pose
         self._tcp_state: RobotState | None = None
         self._tcp_pose: Pose | None = None
-        """The last measured TCP and its state: an arm's model takes time to compute it."""
+        """The last measured TCP and its state: its computation by an arm's model takes time."""
         self._started = False
         self._engaged = False
         self._sequence = 0
         self._look_s = NEVER_S
         self._rejection = ""
-        """Why the device rejected the last command."""
+        """Reason why the device rejected the last command."""
 
     def start(self, tcp: MeasuredTcp) -> None:
-        """The device is open, and nothing was commanded yet; `tcp` gives a state's measured TCP."""
+        """Start with an open device before the first command; `tcp` gives the TCP of a state."""
         self._tcp_of = tcp
         self._sequence = self.device.haptics().command_sequence
 
@@ -91,8 +89,8 @@ class ForceRenderer:
     ) -> str:
         """Render the force of this cycle of the robot.
 
-        `world` is None while clutched out; `at_rest`: nothing is commanded to move. Returns why
-        teleoperation must be disengaged; empty while it need not.
+        `world` is None while clutched out; `at_rest`: no commanded motion. Return why teleoperation
+        must be disengaged; empty if it need not.
         """
         if self._rendering:
             self._render(state, device, world, at_rest)

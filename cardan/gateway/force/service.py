@@ -21,13 +21,13 @@ from cardan.gateway.force.sources import ForceSource, Reading
 from cardan.types import NEVER_S, Frame, Pose, RobotLink, RobotState
 
 ACCEPT_PERIOD_S = 0.05
-"""How often new connections are accepted."""
+"""Period of accepting new connections."""
 
 TAKEN_AT_MOST = 16
 """Most packets of a node that are read in one cycle."""
 
 SEND_BUFFER_BYTES = 4096
-"""Room for a few states: a node that was asleep gets new ones soon; the session never blocks."""
+"""Buffer for a few states: a node that was asleep gets new ones soon; the session never blocks."""
 
 _BACKLOG = 4
 _ADVICE = Advice(
@@ -48,17 +48,17 @@ class RemoteSource(ForceSource):
         self._path = path
         self.lease = Lease(max_age_s)
         self.unreadable = 0
-        """Packets that were malformed."""
+        """Count of malformed packets."""
         self._offered: UnixSocket | None = None
         self._node: socket.socket | None = None
         self._number = self._nodes = 0
-        """The connected node's number, and how many there were."""
+        """The connected node's number, and the count of nodes so far."""
         self._sequence = 0
         self._accept_s = NEVER_S
         self.reason = "no force node is connected"
 
     def open(self) -> None:
-        """Create the socket. Raises AddressError where that is impossible."""
+        """Create the socket. Raises AddressError if that fails."""
         offered = UnixSocket(self._path, socket.SOCK_SEQPACKET, advice=_ADVICE)
         offered.sock.listen(_BACKLOG)
         self._offered = offered
@@ -85,7 +85,7 @@ class RemoteSource(ForceSource):
         try:
             node.send(encode_state(message))
         except BlockingIOError:
-            pass  # It does not read; later it gets a few old states, then new ones.
+            pass  # The node does not read; later it gets a few old states, then new ones.
         except OSError:
             self._drop()
 

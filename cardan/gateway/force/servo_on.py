@@ -17,15 +17,15 @@ class ForceEnabling:
     def __init__(self, device: HapticDevice) -> None:
         self._device = device
         self.refusal = ""
-        """Why the device renders no force."""
+        """Reason why the device renders no force."""
         self._again = False
-        """Whether to retry: the cause of the refusal may pass."""
+        """True to retry: the cause of the refusal may pass."""
         self._tried_s = NEVER_S
         self._faults = 0
         """Number of faults that the device had reported at the last attempt."""
 
     def engage(self, now_s: float) -> None:
-        """Clutch-in: enable the force, after a latched fault too."""
+        """Enable the force at the clutch-in, after a latched fault too."""
         self.refusal, self._again = "", False
         haptic = self._device.haptics()
         if haptic.state not in (OperatingState.DISABLED, OperatingState.FAULT):
@@ -39,7 +39,7 @@ class ForceEnabling:
             self.refusal = f"no force: {error}"
 
     def retry(self, now_s: float) -> None:
-        """Retry where the cause may have passed. A fault since then needs a new clutch-in."""
+        """Retry if the cause may have passed. A fault since then needs a new clutch-in."""
         if self._again and now_s - self._tried_s >= ENABLE_PERIOD_S:
             if self._device.haptics().faults == self._faults:
                 self.engage(now_s)
@@ -47,5 +47,5 @@ class ForceEnabling:
                 self._again = False
 
     def release(self) -> None:
-        """Clutch-out."""
+        """End enabling at the clutch-out."""
         self._again = False

@@ -14,7 +14,7 @@ class ForceSnapshot:
     reason: str = ""
     """Why the force differs from the commanded one; empty if it does not."""
     rendered_n: float = 0.0
-    """Now."""
+    """Present rendered force."""
     peak_n: float = 0.0
     """The largest force sent in any tick."""
     age_s: float | None = None
@@ -34,13 +34,13 @@ class ForceSnapshot:
     passivity_damping_n_s_m: float = 0.0
     """Present damping by the passivity controller."""
     rendered_depth_m: float = 0.0
-    """How far the hand went in against a measured force, at most."""
+    """Largest depth of the hand against a measured force."""
     rendered_stiffness_n_m: float | None = None
     """Rendered force over that depth, least squares; None: nothing was rendered in contact."""
     losses: int = 0
     """How often teleoperation was disengaged because the force was lost, or did not come."""
     out_s: float = 0.0
-    """Total time in which teleoperation went on without the force that it had had before."""
+    """Total time in which teleoperation went on after the loss of its force."""
     lost_reason: str = ""
     """Why force was lost the last time."""
     measured_n: tuple[float, ...] = ()
@@ -57,7 +57,7 @@ class ContactSnapshot:
     time_s: float = 0.0
     """Total time of contact."""
     path_m: float = 0.0
-    """Way of the measured TCP in contact."""
+    """Path of the measured TCP in contact."""
     mean_n: float = 0.0
     target_n: float | None = None
     rms_error_n: float = 0.0

@@ -1,6 +1,6 @@
 """Sources of force readings: the robot itself, a sensor at its flange, virtual contact surfaces.
 
-A source is asked once in every cycle and gives its newest reading, or the reason for having none.
+A source is read once in every cycle and gives its newest reading, or the reason for having none.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ LONGEST_STEP_S = 0.1
 """Longest time between two positions of the TCP from which a velocity is computed."""
 
 FASTEST_M_S = 10.0
-"""A TCP that seems to move faster was placed anew: its velocity is not computed."""
+"""Speed above which a TCP counts as placed anew: its velocity is not computed."""
 
 LARGEST_READING_N = 1000.0
-"""No tool in teleoperation presses harder: a larger reading is a fault and is rejected, not
-limited, because the filter would render it long after."""
+"""Largest plausible force: no tool in teleoperation presses harder. A larger reading is a fault and
+is rejected, not limited, because the filter would render it long after."""
 
 FUTURE_S = 0.1
-"""Farthest that a stamp may be in the future: beyond, it is of another clock, and every reading
-after it would seem to be older."""
+"""Largest time that a stamp may be in the future: beyond, it is from another clock, and every
+reading after it would seem to be older."""
 
 
 class Reading(NamedTuple):
@@ -47,7 +47,7 @@ class Reading(NamedTuple):
     stamp_s: float
     """Local monotonic time of the measurement."""
     force: Vector3
-    """N, of the world on the tool."""
+    """Force of the world on the tool, N."""
     frame: Frame
     """Axes of `force`."""
 
@@ -56,7 +56,7 @@ class ForceSource(ABC):
     """An origin of forces. `reason` says why there is no reading, in words."""
 
     needs_tcp = False
-    """Whether `read` needs the measured TCP."""
+    """True if `read` needs the measured TCP."""
 
     rests_at_zero = False
     """True: without contact the readings are zero, so no tare is taken."""
@@ -79,12 +79,12 @@ class ForceSource(ABC):
 
     @abstractmethod
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
-        """The newest reading in the cycle of `state`; None while there is none."""
+        """Return the newest reading in the cycle of `state`; None if there is none."""
 
     def publish(
         self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
     ) -> None:
-        """Send the robot's state to a process that makes the force, before each `read`."""
+        """Send the robot's state to a process that computes the force, before each `read`."""
         return
 
     def diagnosis(self) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class Sieve:
     def __init__(self, instrument: str) -> None:
         self.refused = 0
         self.reason = ""
-        """Why the newest one was rejected; empty when it was not."""
+        """Reason for rejecting the newest reading; empty if it was accepted."""
         self._instrument = instrument
         self._last: Reading | None = None
         self._refused_s = math.nan
@@ -111,7 +111,8 @@ class Sieve:
         self._last, self.reason = None, ""
 
     def take(self, reading: Reading, now_s: float) -> Reading | None:
-        """`reading`, or if it is rejected the last one; None where there is none. Now: `now_s`."""
+        """Return `reading`, or the last plausible one if it is rejected; None if there is none.
+        `now_s`: present time."""
         force_n = math.hypot(*reading.force)
         if force_n <= LARGEST_READING_N and reading.stamp_s <= now_s + FUTURE_S:
             self.reason, self._last = "", reading
@@ -133,7 +134,7 @@ class Sieve:
         return self._last
 
     def diagnosis(self) -> tuple[str, ...]:
-        """How many were rejected."""
+        """Counts of rejected readings."""
         return (f"readings of a force refused: {self.refused}",) if self.refused else ()
 
 
@@ -147,7 +148,7 @@ class _Instrument(ForceSource):
     def _reading(
         self, wrench: Wrench | None, stamp_s: float, now_s: float, why_none: str
     ) -> Reading | None:
-        """The reading of a wrench of `stamp_s`; `why_none` says why there is no wrench."""
+        """Return the reading of a wrench of `stamp_s`; `why_none` says why there is no wrench."""
         if wrench is None:
             self._sieve.forget()
             self.reason = why_none
@@ -201,7 +202,8 @@ class SensorSource(_Instrument):
         self.device.close()
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
-        """The sensor's newest wrench. It must be of the same clock as the robot's stamps."""
+        """Return the sensor's newest wrench; its stamps must be of the same clock as the
+        robot's."""
         sensed = self.device.state()
         why_none = sensed.reason or "the sensor gives no wrench"
         return self._reading(sensed.wrench, sensed.stamp_s, state.stamp_s, why_none)
@@ -221,7 +223,7 @@ class PointVelocity:
         self._velocity = ZERO3
 
     def update(self, place: Vector3, now_s: float) -> Vector3:
-        """The filtered velocity, m/s, with the newest place."""
+        """Return the filtered velocity, m/s, with the newest position."""
         before, dt_s = self._place, now_s - self._place_s
         if dt_s <= 0.0 and before is not None:
             return self._velocity
@@ -248,14 +250,12 @@ class ContactTable(Options, ABC):
 
     @abstractmethod
     def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
-        """The unit normal out of the body, and how deep `place` is in it, m; <= 0: outside."""
+        """Return the unit normal out of the body, and the depth of `place`, m; <= 0: outside."""
 
 
 def contact_force(contact: ContactTable, place: Vector3, velocity: Vector3) -> Vector3:
-    """The force of `contact` on a TCP at `place` that moves at `velocity`: N, world axes.
-
-    Stiffness · depth, damped and never pulling, and friction against the sliding.
-    """
+    """Return the force of `contact` on a TCP at `place` that moves at `velocity`: N, world axes.
+    Stiffness · depth, damped and never pulling, and friction against the sliding."""
     outward, depth = contact.depth_at(place)
     if depth <= 0.0:
         return ZERO3
@@ -282,7 +282,7 @@ class ContactSource(ForceSource):
         self._velocity = PointVelocity()
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
-        """The sum of all contacts, base axes."""
+        """Return the sum of all contacts, base axes."""
         if tcp is None:
             self.reason = "the robot reports no pose" if state.link is RobotLink.LIVE else ""
             return None

@@ -1,8 +1,9 @@
 """Whether a force loop can be stable, by the rule of Gil, Hulin and others: K < (b + B)/(T/2 + t).
 
-K is the stiffness that the hand feels, b the damping of hand and device, B the damping that the
+K is the stiffness rendered to the hand, b the damping of hand and device, B the damping that the
 device renders, T the period at which the force is computed, t the delay from the hand's motion to
-its force. A rule of thumb for a linear loop: it finds unstable settings, and proves none stable.
+its force. A rule of thumb for a linear loop: it finds unstable settings, but does not prove
+stability.
 """
 
 from __future__ import annotations
@@ -32,10 +33,8 @@ def loop_warning(
     delay_s: float,
     cutoff_hz: float,
 ) -> str:
-    """The warning about a loop over a measured force, with its numbers; empty: none.
-
-    The delay of the low-pass filter, 1/(2π·cutoff), and one period more come on top of `delay_s`.
-    """
+    """Return the warning about a loop over a measured force, with its numbers; empty: none. The
+    delay of the low-pass filter, 1/(2π·cutoff), and one period are added to `delay_s`."""
     rendered = motion_scale * force_scale * environment_stiffness_n_m
     delay_s += period_s + 0.5 / (math.pi * cutoff_hz)
     damping = HAND_DAMPING_N_S_M + device_damping_n_s_m
@@ -52,7 +51,7 @@ def loop_warning(
 
 
 def fixture_warning(index: int, motion_scale: float, stiffness_n_m: float) -> str:
-    """The warning about a fixture's stiffness; empty: none."""
+    """Return the warning about a fixture's stiffness; empty: none."""
     rendered = motion_scale * stiffness_n_m
     if rendered <= FIXTURE_STIFFNESS_N_M:
         return ""

@@ -28,7 +28,7 @@ from cardan.types import ZERO3, Vector3
 
 Near = Annotated[float, bounds.NEAR_M]
 Place = tuple[Near, Near, Near]
-"""m"""
+"""Position, m."""
 
 MAX_CONTACTS = 8
 FORMER_KEYS = {"centre_m": "center_m"}
@@ -39,7 +39,7 @@ FORMER_SENSE = {"sense = 'felt'": "'reaction'"}
 
 @dataclass(frozen=True, kw_only=True)
 class StiffFixtureTable(FixtureTable):
-    """A fixture that pushes the harder the deeper the TCP is in it."""
+    """A fixture that pushes harder the deeper the TCP is in it."""
 
     stiffness_n_m: Annotated[float, bounds.FIXTURE_STIFFNESS_N_M]
     damping_n_s_m: Annotated[float, bounds.DAMPING_N_S_M] = 0.0
@@ -51,7 +51,7 @@ class StiffFixtureTable(FixtureTable):
 
 @dataclass(frozen=True, kw_only=True)
 class _PlacedFixtureTable(StiffFixtureTable):
-    """A fixture that stands where the field `_PLACE` says, or where the TCP is at a moment."""
+    """A fixture at the position in the field `_PLACE`, or at the TCP's position at an event."""
 
     _PLACE: ClassVar[str]
     at: Literal["start", "clutch-in"] | None = None
@@ -74,7 +74,7 @@ class _PlacedFixtureTable(StiffFixtureTable):
 
 @dataclass(frozen=True, kw_only=True)
 class SphereTable(StiffFixtureTable):
-    """A solid sphere, or a hollow one that the hand is kept in."""
+    """A solid sphere, or a hollow one that encloses the hand."""
 
     RENAMED: ClassVar = FORMER_KEYS
 
@@ -102,7 +102,7 @@ class PlaneTable(_PlacedFixtureTable):
 
 @dataclass(frozen=True, kw_only=True)
 class BoxTable(StiffFixtureTable):
-    """A solid box, or a hollow one that the hand is kept in."""
+    """A solid box, or a hollow one that encloses the hand."""
 
     RENAMED: ClassVar = FORMER_KEYS
 
@@ -120,7 +120,7 @@ class BoxTable(StiffFixtureTable):
 
 @dataclass(frozen=True, kw_only=True)
 class CylinderTable(StiffFixtureTable):
-    """A solid cylinder without ends, or a hollow one that the hand is kept in."""
+    """A solid cylinder without ends, or a hollow one that encloses the hand."""
 
     shape: Literal["cylinder"] = "cylinder"
     point_m: Place
@@ -222,7 +222,7 @@ class NoForceTable(ForceTable):
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredForceTable(ForceTable):
-    """The robot itself measures it."""
+    """Force measured by the robot itself."""
 
     RENAMED: ClassVar = FORMER_SENSE
 
@@ -257,7 +257,7 @@ class ContactForceTable(ForceTable):
 
 @dataclass(frozen=True, kw_only=True)
 class RemoteForceTable(ForceTable):
-    """A force node in a process of its own."""
+    """Force of a force node, a separate process."""
 
     source: Literal["remote"] = "remote"
     socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING]
@@ -265,7 +265,7 @@ class RemoteForceTable(ForceTable):
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkForceTable(ForceTable):
-    """Programs on the network publish it, for the haptic device that ``[network]`` shows."""
+    """Force published by programs on the network, for the haptic device of ``[network]``."""
 
     source: Literal["network"] = "network"
 

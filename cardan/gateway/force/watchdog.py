@@ -1,10 +1,8 @@
-"""Disengages teleoperation when the force that an operator leans on is lost.
-
-A hand that presses on a force falls forward when the force vanishes, and a robot that goes on
-following presses on its surroundings with the hand's whole force. So the session disengages, and
-going on takes a new clutch-in. A hand falls 10 mm in 50 ms, so the robot waits even before it is
-known whether the force comes back. Control logic only: time is an argument.
-"""
+"""Disengages teleoperation when a force that the operator presses against is lost. A hand that
+presses on a force falls forward when the force vanishes, and a robot that continues to follow
+presses on its surroundings with the hand's whole force. The session therefore disengages, and
+motion needs a new clutch-in. A hand falls 10 mm in 50 ms, so the robot waits even before the force
+counts as lost. Control logic only: time is an argument."""
 
 from __future__ import annotations
 
@@ -19,71 +17,69 @@ IN_DOUBT_S = 0.01
 """Interruption after which the robot waits until the force is back, or lost."""
 
 SHARE_FORGIVEN = 0.25
-"""Share of the time with force that makes up for time without: a flickering force is lost, too."""
+"""Share of the time with force that offsets time without: a flickering force is lost, too."""
 
 BEGINS_WITHIN_S = 1.0
 """Longest time from a clutch-in until force begins."""
 
 SOURCE_LOST_S = 0.1
-"""How long after `max_age_s`, the age at which a measured force is not rendered, it is lost."""
+"""Time beyond `max_age_s`, the age limit of a measured force, after which the force is lost."""
 
 LEAST_DERATING = 0.2
 """Share of the device's largest force below which the thermal limiter leaves too little to lean
 on."""
 
 DERATED, LET_OUT = 0.4, 0.8
-"""The force is lost, too, where the limiter leaves less than the first share of the largest force
-and less than the second of the commanded one is sent. Without warm motors it leaves 0.88 N in the
-end, so never less than 0.44 of the 2 N that `clamp_n` is by default; of 3.3 N it leaves 0.27."""
+"""The force is also lost if the limiter leaves less than the first share of the largest force and
+less than the second of the commanded one is rendered. Without warm motors it leaves at least 0.88
+N, so never less than 0.44 of the 2 N that `clamp_n` is by default; of 3.3 N it leaves 0.27."""
 
 IN_A_FIXTURE_N = 0.1
 
 
 class ForceWatchdog:
-    """Watches the force of one engagement after the other, from clutch-in to clutch-out."""
+    """Watches the force of each engagement, from clutch-in to clutch-out."""
 
     def __init__(self, max_age_s: float) -> None:
-        """`max_age_s`: a measured force that is older is not rendered."""
+        """`max_age_s`: age limit of a measured force."""
         self._source_lost_s = max_age_s + SOURCE_LOST_S
         self.rendered: bool
-        """Whether force was rendered in this engagement."""
+        """True if force was rendered in this engagement."""
         self.in_doubt: bool
-        """Whether the robot is to wait: force has not begun, or is interrupted."""
+        """True while the robot is to wait: force has not begun, or is interrupted."""
         self.heard: bool
-        """Whether the device's newest snapshot is of this engagement."""
+        """True if the device's newest snapshot is of this engagement."""
         self.losses = 0
-        """How often teleoperation was disengaged."""
+        """Count of the times that teleoperation was disengaged."""
         self.out_s = 0.0
-        """Total time in which teleoperation went on without the force that it had had before."""
+        """Total time in which teleoperation went on after the loss of its force."""
         self.lost_reason = ""
         """Why force was lost the last time."""
         self.release()
 
     def engage(self, sequence: int, now_s: float) -> None:
-        """Clutch-in; the command `sequence` is the first that engages."""
+        """Start at a clutch-in; the command `sequence` is the first that engages."""
         self.release()
         self._engaged, self._sequence = True, sequence
         self._begun_s = self._seen_s = now_s
 
     def release(self) -> None:
-        """Clutch-out."""
+        """End at a clutch-out."""
         self._engaged = self.rendered = self.heard = self.in_doubt = False
         self._missing_s = self._derated_s = 0.0
         self._given_s = NEVER_S
         self._disengage_reason = ""
 
     def give(self, stamp_s: float) -> None:
-        """A measured force of `stamp_s` is sent to the device."""
+        """Take note of a measured force of `stamp_s` sent to the device."""
         self._given_s = stamp_s
 
     def disengage_reason(
         self, state: HapticState, now_s: float, *, fixtures: bool, refusal: str, source: str
     ) -> str:
-        """Why teleoperation must be disengaged; empty while it need not.
-
-        `state` is the device's newest snapshot; `refusal` says why it rejects commands, `source`
-        why there is no measured force.
-        """
+        """Return why teleoperation must be disengaged; empty if it need not. `state` is the
+        device's newest snapshot; `refusal` says why it rejects commands, `source` why there is no
+        measured force."""
         if not self._engaged:
             return ""
         dt_s, self._seen_s = now_s - self._seen_s, now_s

@@ -1,7 +1,7 @@
 """Kinematics of serial arms on Pinocchio: forward, Jacobian, and the inverse without a formula.
 
 A continuous joint is an angle without bounds here, not a point on the circle: it counts its turns,
-nothing ever wraps, and the short way round is taken where a goal is chosen (`nearest_turns`).
+nothing ever wraps, and `nearest_turns` chooses the short way to a goal.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MAX_RESTARTS = 100
 """Descents from other configurations before the pose counts as out of reach."""
 
 PATIENCE = 4
-"""Iterations that a descent may go on without halving its error."""
+"""Most iterations of a descent without halving its error."""
 
 
 DAMPING = 0.02
@@ -71,10 +71,8 @@ class ArmKinematics:
         self.update(np.array(model.home))
 
     def set_tool(self, tool: Pose) -> None:
-        """Fix `tool` (its TCP in the arm's own) to the end; the identity takes it off again.
-
-        Takes effect with the next `update` or `forward`.
-        """
+        """Fix `tool` (its TCP in the arm's own) to the end; the identity removes it. Takes effect
+        with the next `update` or `forward`."""
         self.tool = tool
         self.model.frames[self._tcp].placement = to_se3(self.arm.tcp) * to_se3(tool)
 
@@ -86,28 +84,26 @@ class ArmKinematics:
         self.jacobian = pin.getFrameJacobian(self.model, data, self._tcp, self._local)
 
     def forward(self, q: FloatArray) -> SE3:
-        """The TCP in the base for `q`."""
+        """Return the TCP in the base for `q`."""
         pin.forwardKinematics(self.model, self._spare, q)
         return pin.updateFramePlacement(self.model, self._spare, self._tcp).copy()
 
     def smallest_singular_value(self, q: FloatArray, weights: SixWeights) -> float:
-        """Smallest singular value of the Jacobian at `q` (1 rad counts as 0.3 m), in the directions
-        along TCP axes whose weight is above 0: 0 where the arm is singular."""
+        """Return the smallest singular value of the Jacobian at `q` (1 rad counts as 0.3 m), in the
+        directions along TCP axes whose weight is above 0: 0 if the arm is singular."""
         jacobian = pin.computeFrameJacobian(self.model, self._spare, q, self._tcp, self._local)
         return smallest_singular_value(jacobian, weights)
 
     @property
     def joint_jacobians(self) -> FloatArray:
-        """6×n of the last `update`: spatial velocity at the base's origin, base axes, of the body
-        a joint moves, linear part first."""
+        """Spatial velocity, 6×n, of the body that each joint moves, from the last `update`: at the
+        base's origin, base axes, linear part first."""
         jacobians: FloatArray = self._data.J
         return jacobians
 
     def nearest_turns(self, q: FloatArray, near: FloatArray) -> FloatArray:
-        """`q` with whole turns added so that each joint is as near to `near` as its range lets it.
-
-        A bounded joint stays inside its limits if it can be.
-        """
+        """Return `q` with whole turns added so that each joint is as near to `near` as its range
+        allows. A bounded joint stays inside its limits if possible."""
         turns = np.rint((near - q) / TURN)
         moved = np.where(self._turns, q + turns * TURN, q)
         moved = np.where((moved > self.upper) & self._turns, moved - TURN, moved)
@@ -117,17 +113,18 @@ class ArmKinematics:
         return np.where(inside & ((moved < self.lower) | (moved > self.upper)), q, moved)
 
     def within_limits(self, q: FloatArray, slack: float = 1e-9) -> bool:
-        """True when no joint is outside its range."""
+        """Return whether all joints are inside their ranges."""
         return bool(np.all(q >= self.lower - slack) and np.all(q <= self.upper + slack))
 
     def inverse(
         self, placement: SE3, near: FloatArray, restarts: int = MAX_RESTARTS
     ) -> FloatArray | None:
-        """Joint positions inside the limits with the TCP at `placement`; None where none was found.
+        """Return joint positions inside the limits with the TCP at `placement`; None if none was
+        found.
 
         The descent starts from `near`, then from random configurations, so the branch is that of
-        `near` wherever that branch reaches. Levenberg-Marquardt on the error in TCP axes with the
-        damping of Sugihara 2011 (doi:10.1109/TRO.2011.2148230); steps end at the joint limits.
+        `near` wherever it reaches. Levenberg-Marquardt on the error in TCP axes with the damping of
+        Sugihara 2011 (doi:10.1109/TRO.2011.2148230); steps end at the joint limits.
         """
         found = self._descend(placement, near)
         if found is not None:
@@ -143,10 +140,10 @@ class ArmKinematics:
         return None
 
     def branches(self, placement: SE3, near: FloatArray, tries: int = 16) -> list[FloatArray]:
-        """Different configurations with the TCP at `placement`, nearest to `near` first.
+        """Return different configurations with the TCP at `placement`, nearest to `near` first.
 
-        Nearness is the time the slowest joint needs. Finds most branches of a six-joint arm in
-        16 tries, never promises all.
+        Nearness is the time the slowest joint needs. Finds most branches of a six-joint arm in 16
+        tries, with no guarantee for all.
         """
         low = np.where(self.continuous, near - math.pi, self.lower)
         high = np.where(self.continuous, near + math.pi, self.upper)
@@ -164,10 +161,11 @@ class ArmKinematics:
     def nearest(
         self, placement: SE3, near: FloatArray, weights: FloatArray
     ) -> tuple[FloatArray, SE3]:
-        """The configuration inside the limits whose TCP comes nearest to `placement`, and that TCP.
+        """Return the configuration inside the limits whose TCP comes nearest to `placement`, and
+        that TCP.
 
-        `weights` (6) of the error along TCP axes. For arms that cannot take every pose; the
-        search is local, downhill from `near`.
+        `weights` (6) of the error along TCP axes. For arms that cannot take every pose; the search
+        is local, downhill from `near`.
         """
         lower, upper, solver, n = self.lower, self.upper, self._solver, self.joints
         q, damping, best = near.copy(), 1e-3, math.inf

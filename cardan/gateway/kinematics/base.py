@@ -17,7 +17,7 @@ TURN = 2.0 * math.pi
 
 
 class Kinematics(Protocol):
-    """An arm, or whatever else has joints that move one TCP. Angles in rad, lengths in m."""
+    """An arm, or any other mechanism whose joints move one TCP. Angles in rad, lengths in m."""
 
     joints: int
     names: tuple[str, ...]
@@ -27,7 +27,7 @@ class Kinematics(Protocol):
     acceleration: FloatArray
     continuous: npt.NDArray[np.bool_]
     placement: SE3
-    """Placement of the TCP in the base, where `update` was last called."""
+    """Placement of the TCP in the base at the last `update`."""
     jacobian: FloatArray
     """6×n: twist of the TCP along its own axes, linear part first, a column a joint."""
 
@@ -35,20 +35,20 @@ class Kinematics(Protocol):
         """Set `placement` and `jacobian` for the joint positions `q` (n)."""
 
     def forward(self, q: FloatArray) -> SE3:
-        """The TCP in the base for `q`; leaves `placement` and `jacobian` alone."""
+        """Return the TCP in the base for `q`, without changing `placement` and `jacobian`."""
 
     def inverse(self, placement: SE3, near: FloatArray) -> FloatArray | None:
-        """Joint positions inside the limits that put the TCP at `placement`, on the branch
-        nearest to `near`; None where there is none."""
+        """Return joint positions inside the limits that put the TCP at `placement`, on the branch
+        nearest to `near`; None if there are none."""
 
 
 def short_way(difference: FloatArray, continuous: npt.NDArray[np.bool_]) -> FloatArray:
-    """Joint differences without the whole turns of `continuous` joints."""
+    """Return joint differences without the whole turns of `continuous` joints."""
     turns = np.rint(difference / TURN)
     return np.where(continuous, difference - TURN * turns, difference)
 
 
 def to_pose(placement: SE3) -> Pose:
-    """A placement in the base as a value."""
+    """Convert a placement in the base to a Pose."""
     x, y, z, i, j, k, w = pin.SE3ToXYZQUAT(placement).tolist()
     return Pose(Vector3(x, y, z), Quaternion(w, i, j, k), Frame.BASE)

@@ -22,11 +22,12 @@ from cardan.spatial import add, norm, rotate
 from cardan.types import Vector3
 
 ADVANCE_STOP = 1e-3
-"""Smallest gain of way by conservative advancement: with less it has arrived at a contact."""
+"""Smallest gain of distance by conservative advancement: below it, the pair counts as in
+contact."""
 
 
 LEAST_ROOM_M = 5e-4
-"""Distance that a pair in contact may move to show whether it separates."""
+"""Distance that a pair in contact may move to show that it separates."""
 
 
 TINY = 1e-30
@@ -44,14 +45,14 @@ class HalfSpace(NamedTuple):
 
 
 class Obstacle(NamedTuple):
-    """Something solid that does not move, in the base frame."""
+    """A solid body that does not move, in the base frame."""
 
     name: str
     shape: Shape | HalfSpace
 
 
 class Solid(NamedTuple):
-    """A shape of the arm or an obstacle, in the frame of the body that it is fixed to."""
+    """A shape of the arm or an obstacle, in the frame of its body."""
 
     name: str
     body: int
@@ -63,7 +64,7 @@ class Closest(NamedTuple):
     """The pair of bodies nearest to each other."""
 
     distance_m: float
-    """Negative: they overlap by so much."""
+    """Distance of the pair, m; negative: overlap."""
     names: tuple[str, str]
     grown_m: float = 0.0
     """Extra distance that the pair is kept apart, for bodies that move by themselves."""
@@ -72,8 +73,8 @@ class Closest(NamedTuple):
 class CollisionModel:
     """All pairs of an arm's shapes that could touch, and all obstacles against the arm.
 
-    A shape that is wholly inside another of its body is never nearer to anything: where that one is
-    kept apart from something, it is left out.
+    A shape wholly inside another of its body is left out of pairs that the outer one has: it is
+    never nearer.
     """
 
     def __init__(
@@ -99,7 +100,7 @@ class CollisionModel:
         for obstacle in obstacles:
             self._add(obstacle.name, 0, obstacle.shape)
         self.first_mover = len(self.solids)
-        """Where in `solids` the movers begin; they are the last."""
+        """Index of the first mover in `solids`; the movers are the last."""
         moved = [(number, each) for number, shapes in enumerate(movers, 2) for each in shapes]
         for _, mover in moved:
             self._add(mover.name, 0, mover.shape)
@@ -129,14 +130,14 @@ class CollisionModel:
         self.pairs = tuple((self.solids[a].name, self.solids[b].name) for a, b in pairs)
         """Names of the two shapes of each pair."""
         self.pair_solids = tuple(pairs)
-        """Where in `solids` the two of each pair are."""
+        """Indices in `solids` of the two shapes of each pair."""
         self.with_obstacle = np.array([b >= fixed_to_base or a >= fixed_to_base for a, b in pairs])
         """True for pairs of which one is an obstacle, False within the arm."""
         self.grown_m: list[float] = [0.0] * len(pairs)
         """Extra distance that each pair is kept apart, for bodies that move by themselves, m."""
         self._masks = masks
         self.sweeps = sweeps
-        """How much nearer each pair can come per motion of each joint, at most; pairs × n."""
+        """Largest approach of each pair per motion of each joint; pairs × n."""
         self._farthest = sweeps.max(axis=0) if pairs else np.zeros(n)
         self._data = self._geometry.createData()
         self._own = kinematics.model.createData()
@@ -144,7 +145,7 @@ class CollisionModel:
             self._data.distanceRequests[index].enable_signed_distance = True
         self._results = [self._data.distanceResults[index] for index in range(len(pairs))]
         self.distances: list[float] = [math.inf] * len(pairs)
-        """Distance of each pair where `update` was last called, m."""
+        """Distance of each pair at the last `update`, m."""
 
     def _add(self, name: str, body: int, shape: Shape | HalfSpace) -> None:
         geometry, placement = _coal_shape(shape)
@@ -161,8 +162,8 @@ class CollisionModel:
         return self.kinematics.arm.keeps_apart(bodies, (first, second))
 
     def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
-        """Put movers, from `first` of them on, where the `frames` that they are in are now, in the
-        base, and keep each farther away by `grown_m`."""
+        """Place movers, from number `first` on, at their `frames` in the base, and keep each
+        farther away by `grown_m`."""
         objects = self._geometry.geometryObjects
         for index, frame in enumerate(frames, first):
             objects[self.first_mover + index].placement = frame * self._local[index]
@@ -170,17 +171,17 @@ class CollisionModel:
         self.grown_m = list(map(self.grown_of, range(len(self.pairs))))
 
     def grow(self, first: int, grown_m: Sequence[float]) -> None:
-        """Of movers, from `first` of them on, how much farther away each is kept: for `grown_of`
-        alone."""
+        """Set the extra distance of movers, from number `first` on: for `grown_of` alone."""
         begin = self.first_mover + first
         self._solid_grown_m[begin : begin + len(grown_m)] = grown_m
 
     def grown_of(self, pair: int) -> float:
-        """How much farther apart than others `pair` is kept, m."""
+        """Return the extra distance of `pair`, m."""
         return self._solid_grown_m[self.pair_solids[pair][0]]
 
     def update(self) -> list[float]:
-        """Distances of all pairs where the kinematics was last updated, m; negative: overlap."""
+        """Return the distances of all pairs where the kinematics was last updated, m; negative:
+        overlap."""
         pin.updateGeometryPlacements(
             self.kinematics.model, self.kinematics._data, self._geometry, self._data
         )
@@ -189,13 +190,14 @@ class CollisionModel:
         return self.distances
 
     def at(self, q: FloatArray) -> list[float]:
-        """Distances of all pairs for `q`, m. Disturbs `gradients` until the next `update`."""
+        """Return the distances of all pairs for `q`, m. Invalidates `gradients` until the next
+        `update`."""
         pin.computeDistances(self.kinematics.model, self._own, self._geometry, self._data, q)
         return list(map(_MIN_DISTANCE, self._results))
 
     def closest(self) -> Closest:
-        """The nearest pair of the last `update`, by its distance less the extra one kept to bodies
-        that others move."""
+        """Return the nearest pair of the last `update`, by its distance less the extra one for
+        bodies that move by themselves."""
         if not self.distances:
             return Closest(math.inf, ("", ""))
         left = list(map(operator.sub, self.distances, self.grown_m))
@@ -203,10 +205,11 @@ class CollisionModel:
         return Closest(self.distances[nearest], self.pairs[nearest], self.grown_m[nearest])
 
     def gradients(self, pairs: list[int], out: FloatArray) -> None:
-        """How fast the distance of each of `pairs` grows per joint speed, where last updated.
+        """Compute the growth of the distance of each of `pairs` per joint speed, at the last
+        `update`.
 
-        Fills the first rows of `out` (len(pairs) × n). The nearest points of both bodies lie on
-        the normal, so one moment serves both.
+        Fills the first rows of `out` (len(pairs) × n). The nearest points of both bodies lie on the
+        normal, so one moment serves both.
         """
         edges = []
         for pair in pairs:
@@ -218,23 +221,23 @@ class CollisionModel:
         np.multiply(found, self._masks[pairs], out=out[: len(pairs)])
 
     def sweep(self, step: FloatArray) -> FloatArray:
-        """Upper bound, m, of how much nearer each pair can come while joints move by `step`."""
+        """Return the largest approach of each pair, m, while joints move by `step`."""
         bound: FloatArray = self.sweeps.dot(np.abs(step))
         return bound
 
     def fastest_closing(self, v: FloatArray) -> float:
-        """Upper bound, m/s, of how fast any pair can close in at the joint velocities `v`."""
+        """Return the upper bound, m/s, of the closing speed of any pair at the joint velocities
+        `v`."""
         return float(self._farthest.dot(np.abs(v)))
 
     def free_share(
         self, start: FloatArray, end: FloatArray, margin_m: float
     ) -> tuple[float, tuple[str, str] | None]:
-        """How much of the straight joint motion from `start` to `end` keeps `margin_m` everywhere.
-
-        Conservative advancement: nothing between the samples can be missed, however thin. A pair
-        that is nearer than the margin already may give up a quarter of its distance, which is
-        room enough to see that it parts. Returns 1.0 and None, or the
-        share and the names of the pair that ends it.
+        """Return the share of the straight joint motion from `start` to `end` that keeps `margin_m`
+        everywhere. Conservative advancement misses no body between the samples, however thin. A
+        pair that is nearer than the margin already may give up a quarter of its distance, which is
+        enough to detect that it separates. Returns 1.0 and None, or the share and the names of the
+        pair that ends it.
         """
         if not self.pairs:
             return 1.0, None
@@ -263,8 +266,9 @@ def _without_inner(
     shapes: Sequence[Shape | HalfSpace],
     owners: Sequence[tuple[int, int]],
 ) -> list[tuple[int, int]]:
-    """Without those of a shape of which one around it has the same pair; `owners`: the body to
-    which each of `shapes` is fixed. The lower index is the first of each pair."""
+    """Return the pairs without those of an inner shape whose outer shape has the same pair;
+    `owners`: the body to which each of `shapes` is fixed. The lower index is the first of each
+    pair."""
     around: list[list[int]] = [[] for _ in shapes]
     for one, other in itertools.permutations(range(len(shapes)), 2):
         if owners[one] != owners[other] or not _is_inside(shapes[one], shapes[other]):
@@ -282,7 +286,7 @@ def _without_inner(
 
 
 def _is_inside(shape: Shape | HalfSpace, other: Shape | HalfSpace) -> bool:
-    """Whether no point of `shape` is outside `other`."""
+    """Return whether no point of `shape` is outside `other`."""
     if isinstance(shape, HalfSpace) or isinstance(other, HalfSpace):
         return False
     corners, radius_m = hull_of(shape)
@@ -297,7 +301,7 @@ def _is_inside(shape: Shape | HalfSpace, other: Shape | HalfSpace) -> bool:
 
 
 def hull_of(shape: Shape) -> tuple[list[Vector3], float]:
-    """Points around which a ball of the radius sweeps the convex shape."""
+    """Return points around which a ball of the radius sweeps the convex shape."""
     if isinstance(shape, Capsule):
         return [shape.start, shape.end], shape.radius_m
     half = [0.5 * size for size in shape.size_m]
@@ -313,8 +317,8 @@ def _coal_shape(shape: Shape | HalfSpace) -> tuple[Any, Any]:
 
 
 def reach_of(arm: ArmModel, shapes: tuple[BodyShape, ...]) -> FloatArray:
-    """Farthest any point of each shape can be from each joint's axis (1.0 for a prismatic one:
-    meters per meter), whatever the joints between them do. n × shapes."""
+    """Return the largest distance of any point of each shape from each joint's axis (1.0 for a
+    prismatic one: meters per meter), for any position of the joints between them. n × shapes."""
     n = len(arm.joints)
     reach = np.zeros((n, len(shapes)))
     for column, shape in enumerate(shapes):

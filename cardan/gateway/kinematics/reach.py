@@ -9,20 +9,18 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
 
 STARTS = 4
-"""Ascents for each end of an axis: some end at a posture that is only the farthest nearby."""
+"""Ascents for each end of an axis: some end at a local maximum."""
 
 ANGLES = 17
 """Positions of a joint that an ascent compares, the ends of its range among them."""
 
 ROUNDS = 6
-"""Times that an ascent goes through all joints; the range that it searches halves with each."""
+"""Rounds of an ascent through all joints; the search range halves with each."""
 
 
 def tcp_range_m(kinematics: ArmKinematics) -> list[tuple[float, float]]:
-    """Lowest and highest x, y and z that the TCP has within the joints' limits, to some mm.
-
-    Joint by joint, from the same random postures each time; collisions are left out of account.
-    """
+    """Return lowest and highest x, y and z of the TCP within the joints' limits, to some mm. Joint
+    by joint, from the same random postures each time; collisions are ignored."""
     lower = np.where(np.isfinite(kinematics.lower), kinematics.lower, -math.pi)
     upper = np.where(np.isfinite(kinematics.upper), kinematics.upper, math.pi)
     random = np.random.default_rng(0)
@@ -44,7 +42,7 @@ def _farthest(
     axis: int,
     sign: float,
 ) -> float:
-    """Highest coordinate, times `sign`, that turning one joint after the other leads to."""
+    """Return the highest coordinate, times `sign`, found by turning one joint after the other."""
     q = start.copy()
     span = upper - lower
     best = sign * float(kinematics.forward(q).translation[axis])

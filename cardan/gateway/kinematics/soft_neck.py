@@ -1,14 +1,14 @@
 """Kinematics of a soft neck: a platform on a flexible link that three tendons bend.
 
 Constant curvature: the link bends into an arc of its own length, and the platform stands square on
-its end. The three tendons are as many as the inclination (two numbers) and the co-contraction (the
-pull of all three beyond the arc's geometry), so each triple of them has one shape. This is the
-corrected model of TEO's neck; the public source (SoftNeckControl of the group's
-humasoft-yarp-devices) has sin² where cos² is meant, and its platform matrix is no rotation.
+its end. Three tendon positions correspond to an inclination (two numbers) and a co-contraction (the
+pull of all three beyond the arc's geometry), so each triple has one shape. This is the corrected
+model of TEO's neck; the public source (SoftNeckControl of the group's humasoft-yarp-devices) has
+sin² where cos² is meant, and its platform matrix is no rotation.
 
-Inclination is calculated with as a vector: its length the angle in rad, its direction the azimuth
-in the base towards which the platform leans. Nothing is divided by its length, so straight up is a
-pose as any other.
+Inclination is a vector: its length is the angle in rad, its direction the azimuth in the base
+towards which the platform leans. No formula divides by its length, so straight up is no special
+case.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FOLD_SHARE = 0.75
 tendons to shapes folds; up to this share it is one to one."""
 
 ROTATION_Z_TOLERANCE_RAD = 1e-6
-"""A neck cannot turn about z; a target that asks for more is refused."""
+"""Largest rotation about z in a target: a neck cannot turn about z."""
 
 _SERIES_BELOW_RAD2 = 1e-3
 """Squared inclination below which series are exact to the last digits and quotients are not."""
@@ -53,7 +53,7 @@ _Speed = Annotated[float, bounds.LINEAR_SPEED_M_S]
 
 @dataclass(frozen=True, kw_only=True)
 class Tendon(Options):
-    """``[[tendon]]``"""
+    """``[[tendon]]``: a tendon of the neck."""
 
     name: str
     azimuth_deg: bounds.Angle
@@ -106,11 +106,11 @@ def load_soft_neck(name_or_file: str = "teo_soft_neck") -> SoftNeckData:
 
 
 class Shape(NamedTuple):
-    """How the neck is bent."""
+    """Bend of the neck."""
 
     inclination_rad: float
     orientation_rad: float
-    """Azimuth towards which it leans, -pi to pi; 0 where it does not."""
+    """Azimuth of the lean, -pi to pi; 0 without a lean."""
     co_contraction_m: float
 
 
@@ -147,14 +147,12 @@ def _arc(squared: float) -> _Arc:
 
 
 class SoftNeck:
-    """Kinematics of one soft neck, as the servo knows arms; the TCP is the platform's center.
-
-    Three joints, the tendons in m, but two degrees of freedom: position and inclination of the
-    platform go together, and it never turns about its own axis.
-    """
+    """Kinematics of one soft neck, in the interface of an arm for the servo; the TCP is the
+    platform's center. Three joints, the tendons in m, but two degrees of freedom: position and
+    inclination of the platform depend on each other, and it never turns about its own axis."""
 
     TASK: ClassVar[SixWeights] = (0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
-    """Task that it can follow: the lean of the platform; the rest is a consequence."""
+    """Task that it can follow: the lean of the platform; all else depends on it."""
 
     def __init__(self, data: SoftNeckData | None = None) -> None:
         """Make the model of TEO's neck by default."""
@@ -174,7 +172,7 @@ class SoftNeck:
         self.inclination_limit_rad = min(
             FOLD_SHARE * 2.0 * data.link_length_m / (base + platform), math.pi
         )
-        """Most that the model is used for, whatever the tendons say."""
+        """Largest inclination for which the model is used, whatever the tendons' travel."""
         angles = [math.radians(tendon.azimuth_deg) for tendon in data.tendon]
         # Anchors: x and y on the platform, and those less the base's.
         self._anchors = [
@@ -191,7 +189,7 @@ class SoftNeck:
         self._per_inclination: FloatArray = np.zeros((6, 2))
         self._per_tendon: FloatArray = np.zeros((2, 3))
         self.placement: SE3 = pin.SE3.Identity()
-        """Platform in the base, where `update` was last called."""
+        """Platform in the base at the last `update`."""
         self.jacobian: FloatArray = np.zeros((6, 3))
         """Twist of the platform along its own axes, linear part first, a column a tendon."""
         self.update(np.full(3, data.tendon_offset_m))
@@ -232,18 +230,16 @@ class SoftNeck:
         np.dot(twist, self._per_tendon, out=self.jacobian)
 
     def forward(self, q: FloatArray) -> SE3:
-        """The platform in the base for `q`; leaves `placement` and `jacobian` alone."""
+        """Return the platform in the base for `q`, without changing `placement` and `jacobian`."""
         x, y, _ = self._bend(q)
         self._place(x, y, _arc(x * x + y * y))
         return pin.SE3(self._rotation, self._translation)
 
     def inverse(self, placement: SE3, near: FloatArray) -> FloatArray | None:
-        """Tendon positions inside the limits that incline the platform as `placement` does.
-
-        Its position follows from the inclination, so that of `placement` is not looked at. The
+        """Return tendon positions inside the limits that incline the platform as `placement` does.
+        Its position follows from the inclination, so the position of `placement` is ignored. The
         co-contraction is the nearest to that of `near` that the limits allow. None for a rotation
-        about z, beyond `inclination_limit_rad`, or out of the tendons' travel.
-        """
+        about z, beyond `inclination_limit_rad`, or out of the tendons' travel."""
         rx, ry, rz = pin.log3(placement.rotation).tolist()
         if not abs(rz) <= ROTATION_Z_TOLERANCE_RAD:
             return None
@@ -260,7 +256,7 @@ class SoftNeck:
     def tendons(
         self, inclination_rad: float, orientation_rad: float, co_contraction_m: float = 0.0
     ) -> FloatArray:
-        """Tendon positions (3), m, of a shape; not checked against the tendons' travel.
+        """Return the tendon positions (3), m, of a shape; not checked against the tendons' travel.
 
         Raises ValueError for an inclination that is negative or beyond `inclination_limit_rad`.
         """
@@ -274,11 +270,11 @@ class SoftNeck:
         )
 
     def relaxed(self, q: FloatArray) -> FloatArray:
-        """The same shape without co-contraction: where the tendons rest, m."""
+        """Return the same shape without co-contraction: the tendons' rest positions, m."""
         return q - self.shape(q).co_contraction_m
 
     def shape(self, q: FloatArray) -> Shape:
-        """How tendon positions `q` (3), m, bend the neck."""
+        """Return the bend of the neck for the tendon positions `q` (3), m."""
         x, y, co_contraction_m = self._bend(q)
         return Shape(math.hypot(x, y), math.atan2(y, x), co_contraction_m)
 
@@ -312,8 +308,8 @@ class SoftNeck:
     def _bend(self, q: FloatArray) -> tuple[float, float, float]:
         """Inclination x and y, and the co-contraction, by Newton from straight up.
 
-        Steps end at the inclination's limit; from there on the tendons are met in the sense of
-        least squares.
+        Steps end at the inclination's limit; from there on the tendons are matched by least
+        squares.
         """
         given = q.tolist()
         straight = self.data.link_length_m + self.data.tendon_offset_m

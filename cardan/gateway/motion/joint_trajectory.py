@@ -9,7 +9,7 @@ from cardan.errors import MotionRefusedError
 
 PATH_TOLERANCE = "path tolerance"
 GOAL_TOLERANCE = "goal tolerance"
-"""How the reasons begin why a trajectory was ended."""
+"""Beginning of the reasons for ending a trajectory at its goal."""
 
 MAX_POINTS = 5000
 """Longest trajectory: MoveIt's have some hundred points."""
@@ -18,13 +18,13 @@ LONGEST_S = 3600.0
 """Longest duration, s."""
 
 LARGEST = 1e6
-"""No joint is anywhere else, or faster (rad, m, s)."""
+"""Largest plausible position or speed of a joint (rad, m, s)."""
 
 SHORTEST_STEP_S = 1e-4
-"""Points that are nearer in time are one point that moves twice."""
+"""Shortest time between two points."""
 
 AT_REST = 1e-3
-"""A joint, rad/s or m/s, that is no faster at the end ends at rest."""
+"""Largest speed of a joint at the end, rad/s or m/s, that counts as rest."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,17 @@ class JointTrajectory:
     positions: Sequence[Sequence[float]]
     """A row for each point, rad or m."""
     velocities: Sequence[Sequence[float]] | None = None
-    """None: such that no joint swings beyond the points."""
+    """Joint velocities at the points; None: chosen so that no joint overshoots the points."""
     accelerations: Sequence[Sequence[float]] | None = None
     path_tolerance: Sequence[float] | None = None
-    """Largest distance of each measured joint from where it is to be; 0: any; None: any of all."""
+    """Largest distance of each measured joint from its desired position; 0: any; None: any for
+    all."""
     goal_tolerance: Sequence[float | None] | None = None
-    """The same at the end; None, of a joint or of all: as near as the arm's motions end."""
+    """The same at the end; None, for a joint or for all: the tolerance of the arm's other
+    motions."""
     goal_time_s: float = 0.0
-    """How much longer it may take; 0: as long as the arm's limits make it, and its motions are
-    waited for."""
+    """Allowed delay of the end; 0: as long as the arm's limits need, plus the usual wait for
+    arrival."""
 
     def __post_init__(self) -> None:
         times = self.times_s

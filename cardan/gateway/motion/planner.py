@@ -1,7 +1,5 @@
-"""Plans motions before they start: where they end, and that all of the way is free.
-
-It has kinematics of its own and takes milliseconds, so it runs beside the control loop.
-"""
+"""Planning of motions before they start: their end, and that their whole path is free. It has
+kinematics of its own and takes milliseconds, so it runs beside the control loop."""
 
 from __future__ import annotations
 
@@ -34,11 +32,12 @@ REACHED_RAD = 1e-3
 """Tolerance within which a pose counts as reached by an arm with too few joints for every pose."""
 
 WAY_TOLERANCE_M = 1e-3
-"""Largest distance from a line of such an arm between the line's ends."""
+"""Largest distance of such an arm from a line between the line's ends."""
 
 LINE_STEP_M = 0.005
 LINE_STEP_RAD = 0.02
-"""Longest way between two samples of a dry run. Joints move straight between them in the sweep."""
+"""Longest joint motion between two samples of a dry run. Joints move straight between them in the
+sweep."""
 
 MOST_SAMPLES = 2000
 
@@ -48,10 +47,10 @@ LARGEST_JUMP_RAD = 0.5
 WORKSPACE_SAMPLES = 32
 
 NEAREST_TRIES = 6
-"""Downhill searches for arms with too few joints, the first from where the arm is."""
+"""Downhill searches for arms with too few joints, the first from the arm's position."""
 
 BOUNDLESS = 1e3
-"""A range, rad or m, that no joint ever leaves."""
+"""Range, rad or m, beyond any joint's."""
 
 
 Workspace = tuple[
@@ -68,12 +67,12 @@ class Margins(Options):
 
 
 class DryRun(NamedTuple):
-    """How fast the joints can follow a line."""
+    """Share of the speed at which the joints can follow a line."""
 
     pace: float
     """Share of the wanted speed that the slowest joint allows, at most 1."""
     slowest: str
-    """That joint."""
+    """Name of that joint."""
 
 
 SPARE_RESTARTS = 12
@@ -95,8 +94,8 @@ class Planner:
         workspace: Workspace = (None, None, None),
         margins: Margins | None = None,
     ) -> None:
-        """`movers` and `ignored` as of CollisionModel; `mover_frames` says where each of the movers
-        is now, and is taken to stay."""
+        """`movers` and `ignored` as for CollisionModel; `mover_frames` returns the present frames
+        of the movers, which are assumed to stay."""
         self.model = model
         self.kinematics = ArmKinematics(model)
         boundless = tuple(
@@ -124,28 +123,26 @@ class Planner:
         self._retained_on_way = weights >= 0.5 * weights.max()
         can_all = np.count_nonzero(self.followed) <= len(model.joints)
         self.retained = self.followed if can_all else self._retained_on_way
-        """Directions in which a line has to end at its goal: all that the arm follows, or those
-        that its task counts most if it has too few joints."""
+        """Directions in which a line must end at its goal: all that the arm follows, or those with
+        the highest weight in its task if it has too few joints."""
         self._units = tuple(
             "m" if joint.kind is JointKind.PRISMATIC else "rad" for joint in model.joints
         )
 
     def set_tool(self, tool: Pose) -> None:
-        """The TCP is at `tool` in the arm's own TCP from now on."""
+        """Set the TCP to `tool`, relative to the arm's own TCP."""
         self.kinematics.set_tool(tool)
         self._boundless.set_tool(tool)
 
     def forward(self, q: FloatArray) -> SE3:
-        """The TCP in the base for `q`."""
+        """Return the TCP in the base for `q`."""
         return self.kinematics.forward(q)
 
     # -- one pose ------------------------------------------------------------------------------
 
     def inverse(self, verb: str, target: Pose, near: FloatArray) -> FloatArray:
-        """Joint positions on the branch nearest to `near`, rad or m.
-
-        Raises OutOfReachError or JointLimitError.
-        """
+        """Return joint positions on the branch nearest to `near`, rad or m. Raises OutOfReachError
+        or JointLimitError."""
         placement = to_se3(target)
         found = self._inverse(placement, near)
         if found is None:
@@ -153,10 +150,8 @@ class Planner:
         return found
 
     def inverse_nearby(self, verb: str, target: Pose, near: FloatArray) -> FloatArray:
-        """As `inverse`, but on the branch of `near` only, for streams.
-
-        An arm with joints to spare has no branches: its posture is wherever the servo finds room.
-        """
+        """Return the result of `inverse` on the branch of `near` only, for streams. A redundant arm
+        has no branches: the servo chooses its posture."""
         placement = to_se3(target)
         found = (
             self.kinematics.inverse(placement, near, restarts=self._nearby_restarts)
@@ -189,7 +184,7 @@ class Planner:
         return None
 
     def _arrived(self, tcp: SE3, placement: SE3) -> bool:
-        """True where the TCP is at `placement` in all directions that the arm follows."""
+        """Return whether the TCP is at `placement` in all directions that the arm follows."""
         distance, angle = self._miss(tcp, placement)
         return distance < REACHED_M and angle < REACHED_RAD
 
@@ -202,8 +197,8 @@ class Planner:
     def _why_not(
         self, verb: str, placement: SE3, near: FloatArray, where: str = "", instead: str = ""
     ) -> MotionRefusedError:
-        """The reason why no joint positions inside the limits give `placement`, and what to do
-        `instead`; empty: another pose."""
+        """Return the error for a `placement` without joint positions inside the limits, and what to
+        do `instead`; empty: choose another pose."""
         beyond = (
             self._boundless.inverse(placement, near, restarts=0)
             if self._any_pose
@@ -232,7 +227,7 @@ class Planner:
         )
 
     def _limit_error(self, verb: str, q: FloatArray, where: str) -> JointLimitError | None:
-        """The joint that is farthest outside of its range at `q`."""
+        """Return the error for the joint that is farthest outside its range at `q`."""
         below, above = self.kinematics.lower - q, q - self.kinematics.upper
         worst = int(np.argmax(np.maximum(below, above)))
         if max(below[worst], above[worst]) <= 1e-9:
@@ -253,10 +248,8 @@ class Planner:
     def joint_goal(
         self, verb: str, target: Pose, start: FloatArray, speeds: FloatArray
     ) -> FloatArray:
-        """Joint goal for `target`: the quickest branch that is free all the way.
-
-        Raises OutOfReachError, JointLimitError, CollisionError or MotionRefusedError.
-        """
+        """Return the joint goal for `target`: the quickest branch that is free all the way. Raises
+        OutOfReachError, JointLimitError, CollisionError or MotionRefusedError."""
         placement = to_se3(target)
         candidates = self.kinematics.branches(placement, start) if self._any_pose else []
         candidates = [q for q in candidates if self.kinematics.within_limits(q)]
@@ -289,10 +282,8 @@ class Planner:
                 self._check_entered(verb, rows[index - 1], rows[index], where)
 
     def check_joint_samples(self, verb: str, positions: FloatArray) -> None:
-        """See that straight joint motions from row to row of `positions` are free.
-
-        Raises JointLimitError, CollisionError or MotionRefusedError, with how far along.
-        """
+        """Check that straight joint motions from row to row of `positions` are free. Raises
+        JointLimitError, CollisionError or MotionRefusedError, with the place."""
         self._place_movers()
         last = max(1, len(positions) - 1)
         for index in range(1, len(positions)):
@@ -310,7 +301,7 @@ class Planner:
         check_workspace(verb, goal, self.workspace)
 
     def _check_entered(self, verb: str, before: FloatArray, q: FloatArray, where: str) -> None:
-        """The TCP is in the workspace at `q`, or was outside of it already."""
+        """Check that the TCP is in the workspace at `q`, or was outside of it already."""
         before_m, now_m = (self.forward(each).translation.tolist() for each in (before, q))
         try:
             check_workspace(verb, before_m, self.workspace)
@@ -350,8 +341,8 @@ class Planner:
     def dry_run(self, verb: str, path: LineTrajectory, start: FloatArray) -> DryRun:
         """Follow `path` from the joint positions `start` without moving anything.
 
-        Raises JointLimitError, CollisionError, OutOfReachError or MotionRefusedError, with how far
-        along the line.
+        Raises JointLimitError, CollisionError, OutOfReachError or MotionRefusedError, with the
+        place on the line.
         """
         self._place_movers()
         begin, end = path.at(0.0)[0], path.at(path.duration_s)[0]
@@ -420,7 +411,7 @@ class Planner:
 def check_workspace(
     verb: str, position: Sequence[float], workspace: Workspace, where: str = ""
 ) -> None:
-    """Raises MotionRefusedError for a position (base axes, m) outside of the box."""
+    """Raise MotionRefusedError for a position (base axes, m) outside of the box."""
     for axis, value, bounds in zip("xyz", position, workspace, strict=True):
         if bounds is not None and not bounds[0] <= value <= bounds[1]:
             raise MotionRefusedError(
@@ -430,7 +421,7 @@ def check_workspace(
 
 
 def _returns(kinematics: ArmKinematics, before: FloatArray, q: FloatArray) -> bool:
-    """True when each joint that is outside of its range comes nearer to it."""
+    """Return whether each joint that is outside its range moves nearer to it."""
     outside_before = np.maximum(kinematics.lower - before, before - kinematics.upper)
     outside = np.maximum(kinematics.lower - q, q - kinematics.upper)
     return bool(np.all((outside <= 1e-9) | (outside <= outside_before)))

@@ -1,7 +1,7 @@
 """Motion along a length in time, with speed and its rates of change bounded.
 
-A profile is a chain of phases of constant jerk. The length has whatever unit its user gives it
-(m, rad, the share of a path), and speed, acceleration and jerk the same unit per s, s² and s³.
+A profile is a chain of phases of constant jerk. The length may have any unit (m, rad, the share of
+a path); speed, acceleration and jerk have the same unit per s, s² and s³.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ class ProfileState(NamedTuple):
     """State of a profile at one time."""
 
     s: float
-    """Way along the path."""
+    """Distance along the path."""
     ds: float
     """Speed, per s; never negative."""
     dds: float
@@ -26,12 +26,13 @@ class JerkSegment(NamedTuple):
 
     duration_s: float
     acceleration: float
-    """At its start."""
+    """Acceleration at its start."""
     jerk: float
 
 
 def _ramp(speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
-    """Times of a change of speed from 0: of either jerk phase, of constant acceleration."""
+    """Return the times of a change of speed from 0: of each jerk phase, and of constant
+    acceleration."""
     if math.isinf(jerk):
         return 0.0, speed / acceleration
     if speed * jerk >= acceleration * acceleration:
@@ -40,7 +41,7 @@ def _ramp(speed: float, acceleration: float, jerk: float) -> tuple[float, float]
 
 
 def _peak_speed(length: float, acceleration: float, jerk: float) -> float:
-    """The speed reached where `length` is too short to reach any limit of it."""
+    """Return the peak speed over a `length` too short to reach it."""
     if math.isinf(jerk):
         return math.sqrt(length * acceleration)
     if math.isfinite(acceleration) and length * jerk * jerk >= 2.0 * acceleration**3:
@@ -50,7 +51,7 @@ def _peak_speed(length: float, acceleration: float, jerk: float) -> float:
 
 
 def _rise(speed: float, jerk_s: float, constant_s: float) -> tuple[JerkSegment, ...]:
-    """From rest to `speed`."""
+    """Return the phases from rest to `speed`."""
     if speed <= 0.0 or jerk_s + constant_s <= 0.0:
         return ()
     if jerk_s == 0.0:
@@ -66,7 +67,8 @@ def _rise(speed: float, jerk_s: float, constant_s: float) -> tuple[JerkSegment, 
 def _rest_to_rest(
     length: float, speed: float, acceleration: float, jerk: float, duration_s: float | None
 ) -> tuple[JerkSegment, ...]:
-    """Phases of the quickest symmetric motion over `length`, stretched to `duration_s`."""
+    """Return the phases of the quickest symmetric motion over `length`, stretched to
+    `duration_s`."""
     if not 0.0 <= length < math.inf:
         raise ValueError(f"length {length:g} is not a finite number from 0")
     for name, value in (("speed", speed), ("acceleration", acceleration), ("jerk", jerk)):
@@ -110,11 +112,11 @@ def _rest_to_rest(
 
 
 class Profile:
-    """From rest to rest over `length` with speed, acceleration and jerk bounded: up to 7 phases.
-
-    The quickest such motion; where `length` is too short, without cruising and without constant
-    acceleration. A `duration_s` above its time stretches it in time; one below raises ValueError
-    naming both. An infinite jerk makes a trapezoid, an infinite acceleration is no bound.
+    """Motion from rest to rest over `length` with speed, acceleration and jerk bounded: up to 7
+    phases. It is the quickest such motion; if `length` is too short, it has no cruising and no
+    constant acceleration. A `duration_s` above its time stretches it in time; a shorter one raises
+    ValueError naming both. An infinite jerk makes a trapezoid, an infinite acceleration is no
+    bound.
     """
 
     def __init__(
@@ -143,7 +145,8 @@ class Profile:
         """Time until rest, s."""
 
     def at(self, t_s: float) -> ProfileState:
-        """The state at `t_s` since the start; before it the start at rest, after it the end."""
+        """Return the state at `t_s` since the start; before it the start at rest, after it the
+        end."""
         if t_s < 0.0:
             return ProfileState(0.0, 0.0, 0.0)
         for until, since, s, ds, dds, ddds in self._phases:

@@ -26,24 +26,25 @@ from cardan.spatial import (
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
 _THESIS_LOOP_S = 0.1
-"""The period of the loop in which the thesis's damping factor was the share of one step."""
+"""Period of the thesis's control loop: its damping factor is the share of one step."""
 
 _KEPT_WAY_RAD = 0.2
-"""How far past half a turn a rotation keeps the way round it has chosen."""
+"""Angle beyond half a turn up to which a rotation keeps its chosen direction."""
 
 _FORMED = 0.98
-"""Share of the jerk that plans use; the rest covers directions that rounding leaves open."""
+"""Share of the jerk that plans use; the rest covers rounding."""
 
 
 def damping_time_s(damping: float) -> float:
-    """Time constant of the thesis's damping factor, 0.1 (slow) to 1 (straight there: 0 s)."""
+    """Return the time constant of the thesis's damping factor, 0.1 (slow) to 1 (undamped: 0 s)."""
     if not 0.1 <= damping <= 1.0:
         raise ValueError(f"damping {damping:g} is not in 0.1 to 1")
     return 0.0 if damping == 1.0 else -_THESIS_LOOP_S / math.log1p(-damping)
 
 
 def _stop_way(v: float, a: float, most: float, jerk: float) -> float:
-    """Signed way of the quickest stop from speed `v` and acceleration `a` along one line."""
+    """Return the signed distance of the quickest stop from speed `v` and acceleration `a` along one
+    line."""
     if v + 0.5 * a * abs(a) / jerk < 0.0:
         return -_stop_way(-v, -a, most, jerk)
     rising = a / jerk
@@ -67,7 +68,7 @@ def _stop_way(v: float, a: float, most: float, jerk: float) -> float:
 def _stop_sample(
     v: float, a: float, most: float, jerk: float, dt: float
 ) -> tuple[float, float, float]:
-    """Way, speed and acceleration `dt` into the quickest stop along one line."""
+    """Return position, speed and acceleration `dt` into the quickest stop along one line."""
     if v + 0.5 * a * abs(a) / jerk < 0.0:
         way, v, a = _stop_sample(-v, -a, most, jerk, dt)
         return -way, -v, -a
@@ -91,9 +92,8 @@ class JerkLimitedVector:
 
     Each tick takes the largest acceleration towards the target from which it can still be reached
     without passing it: a straight change is time-optimal to within a tick, does not overshoot, and
-    ends exactly at the target. Only where the target comes nearer than the acceleration already
-    gained can be taken back is it passed, and never `speed`: the rest of the acceleration's effect
-    stays inside it.
+    ends exactly at the target. Only a target that comes nearer than the present acceleration can be
+    reduced is overshot, and never beyond `speed`.
     """
 
     def __init__(self, dimensions: int, speed: float, acceleration: float, jerk: float) -> None:
@@ -117,7 +117,7 @@ class JerkLimitedVector:
         return self._a[: self.dimensions]
 
     def reset(self, velocity: tuple[float, ...] | None = None) -> None:
-        """Start anew from `velocity` (rest when None) without acceleration."""
+        """Restart from `velocity` (rest when None) without acceleration."""
         values = (0.0,) * self.dimensions if velocity is None else tuple(velocity)
         if len(values) != self.dimensions or not is_finite(values):
             raise ValueError(f"velocity {values} is not {self.dimensions} finite numbers")
@@ -127,7 +127,7 @@ class JerkLimitedVector:
         self._v, self._a = (padded[0], padded[1], padded[2]), (0.0, 0.0, 0.0)
 
     def advance(self, target: tuple[float, ...], dt_s: float) -> tuple[float, ...]:
-        """The velocity `dt_s` later, following `target` (shortened to the speed limit)."""
+        """Return the velocity `dt_s` later, following `target` (shortened to the speed limit)."""
         dimensions = self.dimensions
         if len(target) != dimensions:
             raise ValueError(f"target {target} has not {dimensions} components")
@@ -214,7 +214,7 @@ def _follow(
 
 @dataclass(frozen=True, kw_only=True)
 class PoseShaperLimits:
-    """Limits of a pose's reference; norms, translation and rotation each by its own."""
+    """Limits of a pose's reference; separate norms for translation and rotation."""
 
     linear_speed_m_s: float = 0.25
     linear_acceleration_m_s2: float = 1.0
@@ -231,12 +231,10 @@ class PoseShaperLimits:
 
 
 class _Chaser:
-    """Velocity and acceleration of a point that chases another, and one tick of its way.
-
-    The point where the quickest stop would end is steered to the target and not past it: each
-    tick goes on as far as that allows, between braking and going at full speed. Along one line
-    that is exact (the stop is known in closed form); across, the stop is estimated and corrected
-    tick by tick.
+    """Velocity and acceleration of a point that chases another. The end point of the quickest stop
+    is steered to the target and not past it: each tick chooses between braking and full speed
+    accordingly. Along one line this is exact (the stop has a closed form); across, the stop is
+    estimated and corrected tick by tick.
     """
 
     def __init__(self, speed: float, acceleration: float, jerk: float, time_s: float) -> None:
@@ -248,16 +246,13 @@ class _Chaser:
         self.v = self.a = ZERO3
 
     def rest(self) -> None:
-        """Stand still."""
+        """Come to rest at once."""
         self.v = self.a = ZERO3
         self._stopping = False
 
     def advance(self, d: Vector3, dt: float, resting_s: float) -> Vector3:
-        """The way of this tick.
-
-        `d` is the distance vector from the point to its target now, `resting_s` how long the target
-        has been resting.
-        """
+        """Return the displacement of this tick. `d` is the distance vector from the point to its
+        target now, `resting_s` the time since when the target rests."""
         if resting_s == 0.0:
             self._stopping = False
         v, a = self.v, self.a
@@ -330,7 +325,7 @@ class _Chaser:
         return best
 
     def _stop_estimate(self, v: Vector3, a: Vector3) -> Vector3:
-        """End of the quickest stop, from here: exact along one line."""
+        """Return the end of the quickest stop from here: exact along one line."""
         jerk = self.jerk
         an = norm(a)
         end = add(v, scale(a, 0.5 * an / jerk))
@@ -398,11 +393,11 @@ class _RuckigChaser:
         self.v = self.a = ZERO3
 
     def rest(self) -> None:
-        """Stand still."""
+        """Come to rest at once."""
         self.v = self.a = ZERO3
 
     def advance(self, d: Vector3, dt: float, resting_s: float) -> Vector3:
-        """As in :class:`_Chaser`."""
+        """Return the displacement of this tick, with the arguments of :meth:`_Chaser.advance`."""
         if d == ZERO3 and self.v == ZERO3 and self.a == ZERO3:
             return ZERO3
         share = 1.0 / math.sqrt(3.0)
@@ -445,15 +440,14 @@ class _RuckigChaser:
 class PoseShaper:
     """A pose that chases a target pose: straight in position, along the geodesic in rotation.
 
-    Speed, acceleration and jerk stay within `limits` wherever the target jumps, which it may do
-    at every tick. From rest a resting target is reached without passing it by more than 1e-9 of
-    the way. `damping` is the thesis's factor, 0.1 to 1, as a time constant of
-    :func:`damping_time_s`: the speed is at most the distance through it, whatever the tick rate.
-    A rotation near half a turn keeps the way round it has chosen until the other is shorter by
-    0.4 rad.
+    Speed, acceleration and jerk stay within `limits` even if the target jumps at every tick. From
+    rest a resting target is reached with an overshoot of at most 1e-9 of the distance. `damping` is
+    the thesis's factor, 0.1 to 1, as a time constant of :func:`damping_time_s`: the speed is at
+    most the distance through it, whatever the tick rate. A rotation near half a turn keeps its
+    direction until the other is shorter by 0.4 rad.
 
-    `backend` "ruckig" takes that library's position interface instead; its bounds are per axis,
-    a norm's through the square root of 3.
+    `backend` "ruckig" takes that library's position interface instead; its bounds are per axis: the
+    norm divided by the square root of 3.
     """
 
     def __init__(
@@ -497,9 +491,8 @@ class PoseShaper:
         self._turn = self._target = None
 
     def adopt(self, pose: Pose, twist: Twist | None = None) -> None:
-        """Go on from `pose` (base frame), where something else has held or led the reference.
-
-        With `twist` (base axes) its velocity is that, without acceleration; otherwise its own.
+        """Continue from `pose` (base frame) after another motion has moved the reference, at
+        `twist` (base axes) without acceleration if given, else at its own velocity.
         """
         self.pose = pose
         if twist is not None:
@@ -518,7 +511,7 @@ class PoseShaper:
         return Twist(self._linear.a, self._angular.a, Frame.BASE)
 
     def advance(self, target: Pose, dt_s: float) -> Pose:
-        """The pose `dt_s` later, on the way to `target` (base frame)."""
+        """Return the pose `dt_s` later, on the way to `target` (base frame)."""
         pose = self.pose
         if pose is None:
             raise RuntimeError("the shaper has not been placed")
@@ -543,7 +536,8 @@ class PoseShaper:
         return self.pose
 
     def _chosen_turn(self, short: Vector3) -> Vector3:
-        """The rotation to go, rad: `short`, or the way of the tick before while it is near pi."""
+        """Return the remaining rotation, rad: `short`, or near pi the direction of the previous
+        tick."""
         before = self._turn
         angle = norm(short)
         if before is None or angle < math.pi - _KEPT_WAY_RAD:

@@ -1,11 +1,10 @@
 """The virtual reference point: a pose that moves inside speed and acceleration limits.
 
 The operator's twist is integrated on SE(3) into a reference pose, and the robot is commanded to be
-there; the measured pose only supervises. So gravity sag and servo error cannot creep into where
-the operator meant to be (Łukawski, Victores and Balaguer 2023, section 4).
-
-Every limit is met by construction: whatever target comes in, the next velocity is chosen inside
-bounds from which the reference can still stop where it must.
+there; the measured pose only supervises. Gravity sag and servo error therefore cannot creep into
+the commanded pose (Łukawski, Victores and Balaguer 2023, section 4). Every limit is met by
+construction: for any target, the next velocity is chosen inside bounds from which the reference can
+still stop in time.
 """
 
 from __future__ import annotations
@@ -35,17 +34,20 @@ from cardan.spatial import (
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
 _new = tuple.__new__
-"""Makes a named tuple in half the time of its constructor, for those of every cycle."""
+"""Constructor of the named tuples of every cycle, in half the usual time."""
+
+_BASE, _TOOL = Frame.BASE, Frame.TOOL
+"""A look-up of an enum's member takes longer than what is done with it in a cycle."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceLimits(Options):
-    """Limits of the reference; Euclidean norms, so the same in every direction."""
+    """Limits of the reference; Euclidean norms, equal in all directions."""
 
     RENAMED: ClassVar = {"leash_m": "max_lead_m", "leash_rad": "max_lead_rad"}
 
     linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
-    """ISO 10218's reduced speed beside a person, and the default for that reason."""
+    """Default: the reduced speed of ISO 10218 beside a person."""
     linear_acceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 1.0
     angular_speed_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 1.0
     angular_acceleration_rad_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_RAD_S2] = 4.0
@@ -54,9 +56,9 @@ class ReferenceLimits(Options):
     lead is not limited by it. None: unbounded."""
     angular_jerk_rad_s3: Annotated[float, bounds.ANGULAR_JERK_RAD_S3] | None = None
     max_lead_m: Annotated[float, bounds.MAX_LEAD_M] = 0.05
-    """How far the reference may run ahead of the measured position."""
+    """Largest distance of the reference ahead of the measured position."""
     max_lead_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.3
-    """How far the reference may turn ahead of the measured orientation."""
+    """Largest angle of the reference ahead of the measured orientation."""
     workspace_x_m: Bounds | None = None
     """Range of the TCP along the base's x axis; None: unbounded."""
     workspace_y_m: Bounds | None = None
@@ -113,7 +115,7 @@ class Reference:
 
     @property
     def twist(self) -> Twist:
-        """Its present velocity."""
+        """Present velocity, base axes."""
         return Twist(self.linear, self.angular, Frame.BASE)
 
     @property
@@ -133,11 +135,11 @@ class Reference:
 
     @property
     def lead_used(self) -> float:
-        """Share of the maximum lead that is taken up, 0..1 and above; the worse of the two."""
+        """Used share of the maximum lead, 0..1 and above; the worse of the two."""
         return max(self.ahead_m / self.limits.max_lead_m, self.ahead_rad / self.limits.max_lead_rad)
 
     def observe(self, measured: Pose) -> None:
-        """Record where the robot is: `ahead_m` and `ahead_rad` are measured from there."""
+        """Record the robot's pose: `ahead_m` and `ahead_rad` are measured from there."""
         pose = self.pose
         if pose is None:
             raise RuntimeError("the reference has not been placed")
@@ -157,24 +159,22 @@ class Reference:
         self._turned_ahead = _new(Vector3, (x * factor, y * factor, z * factor))
 
     def advance(self, target: Twist, dt_s: float, smooth: bool = True) -> None:
-        """Move for `dt_s`, approaching `target` (base or tool axes) as fast as limits let it.
-
-        Without `smooth` the jerk is not bounded: for stops that must not wait.
-        """
+        """Move for `dt_s`, approaching `target` (base or tool axes) as fast as limits allow.
+        Without `smooth` the jerk is not bounded: for immediate stops."""
         self.shape(target, dt_s, smooth)
         self.move(self.linear, self.angular, dt_s)
 
     def shape(self, target: Twist, dt_s: float, smooth: bool = True) -> None:
-        """Bring the twist nearer to `target`, as `advance` does, but stay where it is."""
+        """Bring the twist nearer to `target`, as `advance` does, without moving."""
         pose = self.pose
         if pose is None:
             raise RuntimeError("the reference has not been placed")
         limits = self.limits
         linear, angular = target.linear, target.angular
-        if target.frame is not Frame.BASE:
+        if (frame := target.frame) is not _BASE:
             angular = rotate(pose.orientation, angular)
-        if target.frame is Frame.TOOL:
-            linear = rotate(pose.orientation, linear)
+            if frame is _TOOL:
+                linear = rotate(pose.orientation, linear)
         if math.hypot(*linear) > limits.linear_speed_m_s:
             linear = limit_norm(linear, limits.linear_speed_m_s)
         if math.hypot(*angular) > limits.angular_speed_rad_s:
@@ -230,7 +230,7 @@ class Reference:
                 self._smooth_angular.reset(self.angular)
 
     def move(self, linear: Vector3, angular: Vector3, dt_s: float) -> None:
-        """Move for `dt_s` at a velocity in base axes, m/s and rad/s, whatever the own twist is."""
+        """Move for `dt_s` at a velocity in base axes, m/s and rad/s, ignoring its own twist."""
         pose = self.pose
         if pose is None:
             raise RuntimeError("the reference has not been placed")
@@ -241,4 +241,4 @@ class Reference:
             turn = _new(Vector3, (rx * dt_s, ry * dt_s, rz * dt_s))
             orientation = turned_by(orientation, turn)
         position = _new(Vector3, (x + u * dt_s, y + v * dt_s, z + w * dt_s))
-        self.pose = _new(Pose, (position, orientation, Frame.BASE))
+        self.pose = _new(Pose, (position, orientation, _BASE))

@@ -30,10 +30,11 @@ from cardan.types import Frame, Pose, Twist, Vector3
 ProfileName = Literal["trapezoid", "jerk"]
 
 _NO_WAY = 1e-12
-"""Ways (m or rad) below this count as none: limits that they could not reach are left out."""
+"""Length (m or rad) below which a motion counts as none: its limits are left out."""
 
 _HALF_TURN_RAD = 1e-9
-"""Nearer than this to pi, both ways round are the same and the axis is chosen by its sign."""
+"""Angle to pi below which both directions of rotation are equal and the sign of the axis is
+fixed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,14 +56,15 @@ class LineLimits:
 
 
 def _strictest(bounds: Sequence[float], ways: Sequence[float]) -> float:
-    """The bound of a path variable that goes from 0 to 1 while each way is covered."""
+    """Return the strictest bound of a path variable that goes from 0 to 1 over each of `ways`."""
     return min(
         (bound / way for bound, way in zip(bounds, ways, strict=True) if way > _NO_WAY), default=1.0
     )
 
 
 def _fixed_sign(rotation: Vector3) -> Vector3:
-    """`rotation`, or at half a turn the one of both ways whose first large component is above 0."""
+    """Return `rotation`, or at half a turn the one of both directions whose first large component
+    is above 0."""
     angle = norm(rotation)
     if angle < math.pi - _HALF_TURN_RAD:
         return rotation
@@ -73,7 +75,7 @@ def _fixed_sign(rotation: Vector3) -> Vector3:
 def _cartesian_bounds(
     limits: LineLimits, distance_m: float, angle_rad: float, profile: ProfileName
 ) -> tuple[float, float, float]:
-    """Speed, acceleration and jerk of the path variable."""
+    """Return speed, acceleration and jerk of the path variable."""
     if profile not in ("trapezoid", "jerk"):
         raise ValueError(f"profile {profile!r} is neither 'trapezoid' nor 'jerk'")
     ways = (distance_m, angle_rad)
@@ -93,12 +95,12 @@ def _based(start: Pose) -> Pose:
 
 
 class LineTrajectory:
-    """From rest to rest along a straight line, turning about one fixed axis the short way.
+    """Motion from rest to rest along a straight line, turning about one fixed axis the short way.
 
     Both parts share one path variable, bounded by the stricter of the two, and end together. At
-    half a turn the axis is the one whose first component that is not zero is positive. A `goal`
-    in the tool frame is taken from `start`. `duration_s` stretches the motion; below the quickest
-    it raises ValueError naming both times.
+    half a turn the axis is the one whose first component that is not zero is positive. A `goal` in
+    the tool frame is taken from `start`. `duration_s` stretches the motion; below the quickest it
+    raises ValueError naming both times.
     """
 
     def __init__(
@@ -131,7 +133,8 @@ class LineTrajectory:
         return self._profile.duration_s
 
     def at(self, t_s: float) -> tuple[Pose, Twist]:
-        """Pose and twist, both in the base frame, at `t_s`; from the end on exactly the goal."""
+        """Return pose and twist, both in the base frame, at `t_s`; from the end on exactly the
+        goal."""
         u, du, _ = self._profile.at(t_s)
         twist = Twist(scale(self._linear, du), scale(self._angular, du), Frame.BASE)
         if t_s >= self.duration_s:
@@ -141,7 +144,7 @@ class LineTrajectory:
 
 
 class PointToPointTrajectory:
-    """From rest to rest in joint space: a straight line, so that all joints arrive together.
+    """Motion from rest to rest along a straight line in joint space: all joints arrive together.
 
     `start`, `goal` and limits by joint in kinematic order, rad (m) and per s, s².
     """
@@ -180,7 +183,8 @@ class PointToPointTrajectory:
         return self._profile.duration_s
 
     def at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
-        """Positions and velocities at `t_s` since the start; the next call reuses the arrays."""
+        """Return positions and velocities at `t_s` since the start; the next call reuses the
+        arrays."""
         u, du, _ = self._profile.at(t_s)
         np.multiply(self._way, du, out=self._v)
         if u >= self._length:
@@ -200,7 +204,7 @@ class HoldTrajectory:
         self._here = q, np.zeros_like(q)
 
     def at(self, _t_s: float, /) -> tuple[FloatArray, FloatArray]:
-        """Always there, at rest."""
+        """Return its positions, at rest."""
         return self._here
 
 
@@ -211,7 +215,8 @@ class SplineTrajectory:
     """
 
     def __init__(self, trajectory: JointTrajectory, start: FloatArray) -> None:
-        """`start`: where the arm is; the first point, where it is at time 0, is moved there."""
+        """`start`: the arm's joint positions; the first point, if it is at time 0, is moved
+        there."""
         times, positions = np.array(trajectory.times_s), np.array(trajectory.positions)
         velocities, accelerations = (
             None if rows is None else np.array(rows)
@@ -263,7 +268,7 @@ class SplineTrajectory:
         return self._pace**2 * value
 
     def _place(self, t_s: float) -> tuple[FloatArray, float]:
-        """The segment's coefficients, and the time in it."""
+        """Return the segment's coefficients, and the time in it."""
         if not self._coefficients:
             return self._at_rest, 0.0
         time_s = min(max(t_s * self._pace, 0.0), self.times_s[-1])
@@ -278,7 +283,7 @@ class SplineTrajectory:
 
 
 def _segment(time_s: float, q: FloatArray, v: FloatArray, a: FloatArray | None) -> FloatArray:
-    """Coefficients of the polynomial from one point to the next, lowest first."""
+    """Return the coefficients of the polynomial from one point to the next, lowest first."""
     found = np.zeros((6, q.shape[1]))
     found[0], found[1] = q[0], v[0]
     way = q[1] - q[0]
@@ -297,10 +302,8 @@ def _segment(time_s: float, q: FloatArray, v: FloatArray, a: FloatArray | None) 
 
 
 def _without_swinging(times: FloatArray, positions: FloatArray) -> FloatArray:
-    """Velocities at the points with which no joint leaves the range of the points beside it.
-
-    Source: Fritsch and Butland 1984, the weighted harmonic mean of the slopes.
-    """
+    """Return velocities at the points with which no joint overshoots the neighboring points.
+    Source: Fritsch and Butland 1984, the weighted harmonic mean of the slopes."""
     velocities = np.zeros_like(positions)
     steps = np.diff(times)[:, None]
     if len(steps) < 2:
@@ -316,8 +319,8 @@ def _without_swinging(times: FloatArray, positions: FloatArray) -> FloatArray:
 
 
 def samples(path: SplineTrajectory, step_rad: float, most: int) -> FloatArray:
-    """Times, as the trajectory has them, between which no joint moves by more than `step_rad`
-    along the points. Raises MotionRefusedError where that takes more than `most`."""
+    """Return times of the trajectory between which no joint moves by more than `step_rad` along the
+    points. Raises MotionRefusedError if these are more than `most`."""
     found = [0.0]
     ways = np.abs(np.diff(path.positions, axis=0)).max(axis=1, initial=0.0)
     for index, way in enumerate(ways.tolist()):

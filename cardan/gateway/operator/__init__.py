@@ -1,1 +1,2 @@
-"""The operator's input: requests of an operator device. It decides nothing about the robot."""
+"""The operator's input: requests of an operator device. Decisions about the robot are the
+controller's."""

@@ -1,8 +1,6 @@
-"""Absolute control: the TCP goes where the device is.
-
-Each position of the device stands for one position of the TCP. Pressing the clutch moves the TCP
-there, at an approach speed until it has arrived; from then on it follows as in position control.
-"""
+"""Absolute control: the TCP follows the device's position by a fixed map. Pressing the clutch moves
+the TCP there, at an approach speed until it has arrived; from then on it follows as in position
+control."""
 
 from __future__ import annotations
 
@@ -21,16 +19,16 @@ from cardan.spatial import (
 from cardan.types import ZERO3, Frame, Pose, Quaternion, Twist, Vector3
 
 ARRIVED_M, ARRIVED_RAD = 0.001, 0.01
-"""Distance to its target at which the TCP has arrived in any case. It has arrived before where it
-would go no faster than at the approach speed anyway."""
+"""Distance to its target at which the TCP has arrived in any case; earlier if it would move no
+faster than the approach speed anyway."""
 
 BEYOND_WALL_M = 0.0005
-"""How far beyond the workspace's edge a target may be: enough for the reference to report that it
-is held there, and too little to slow it along the edge."""
+"""Largest distance of a target beyond the workspace's edge: enough for the reference to report the
+edge, and too little to slow it along the edge."""
 
 
 class AbsoluteMapping(DevicePoseMapping):
-    """The TCP goes where the device is, by a fixed map between their positions."""
+    """Follows the device's pose by a fixed map between the positions of device and TCP."""
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         super().__init__(options, limits)
@@ -39,24 +37,26 @@ class AbsoluteMapping(DevicePoseMapping):
         self._device_center = Vector3(*options.device_center_m)
         self._tool_in_device = from_rpy_deg(options.device_to_tool_rpy_deg)
         self.arrived = False
-        """Whether the TCP has reached the device since the clutch press, or it was too far."""
+        """True once the TCP has reached the device since the clutch press, until it is too far
+        away."""
         self.outside = False
-        """Whether the device was outside the workspace at the last call."""
+        """True if the device was outside the workspace at the last call."""
 
     @property
     def remark(self) -> str:
-        """Reason why the TCP is not where the device is."""
+        """Reason why the TCP is not at the device's position."""
         if self.outside:
             return "the device is outside the workspace: the TCP stays at its edge"
         return "" if self.arrived else "the TCP is on its way to where the device is"
 
     def release(self) -> None:
-        """The clutch was released."""
+        """End following: the clutch was released."""
         super().release()
         self.arrived = self.outside = False
 
     def twist(self, device: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to where `device` is."""
+        """Return the twist (base axes) that brings the reference at `tcp` to the position of
+        `device`."""
         assert self._target is not None
         wanted = add(self._map_offset(), self._mapped(device.position))
         position = self._inside(wanted)
@@ -88,7 +88,7 @@ class AbsoluteMapping(DevicePoseMapping):
         return multiply(in_base, self._tool_in_device)
 
     def _inside(self, position: Vector3) -> Vector3:
-        """The position in the workspace that is nearest to `position`."""
+        """Return the position in the workspace that is nearest to `position`."""
         held = []
         for value, bounds in zip(position, self.limits.workspace_m, strict=True):
             if bounds is not None:

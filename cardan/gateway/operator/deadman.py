@@ -1,4 +1,4 @@
-"""Whether an operator device may move the arm: its states, and re-arming."""
+"""Arming of an operator device: its states, and re-arming."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import enum
 
 
 class Arming(enum.Enum):
-    """Whether the operator device may move the arm without re-arming."""
+    """Permission of the operator device to move the arm without re-arming."""
 
     DISARMED = "disarmed"
-    """It has to be at rest first; with a clutch, that has to be pressed."""
+    """The device must be at rest first; with a clutch, that must be pressed."""
     DEFLECTED = "deflected"
-    """Where no button is configured: it is deflected while something bars it, so that letting it
-    go re-arms."""
+    """No button is configured, and the device is deflected while inhibited: releasing it
+    re-arms."""
     RELEASED = "released"
-    """It was seen at rest with its dead-man released: pressing that re-arms."""
+    """The device was at rest with its dead-man released: pressing that re-arms."""
     ARMED = "armed"
-    """It may."""
+    """The device may move the arm."""
     CLAIMING = "claiming"
-    """And it moves the arm, or claims it by a button that is held."""
+    """The device moves the arm, or claims it by a button that is held."""
 
     def __init__(self, value: str) -> None:
         self.claims = value == "claiming"
@@ -28,7 +28,7 @@ class Arming(enum.Enum):
 def armed_by_deadman(
     arming: Arming, held: bool, at_rest: bool, inhibited: bool
 ) -> tuple[Arming, bool]:
-    """Return the arming of a disarmed device with a dead-man, and whether its act was made: the
+    """Return the arming of a disarmed device with a dead-man, and whether it was re-armed: the
     dead-man released with the device `at_rest`, and pressed then."""
     released = arming is Arming.RELEASED
     match held, released:
@@ -40,8 +40,8 @@ def armed_by_deadman(
 
 
 def armed_by_rest(arming: Arming, at_rest: bool, inhibited: bool) -> tuple[Arming, bool]:
-    """Return the arming of a disarmed device without a button, and whether its act was made: to be
-    `at_rest`, and while it is inhibited, to be let go once. To stay at rest is no further act."""
+    """Return the arming of a disarmed device without a button, and whether it was re-armed: it came
+    to rest, and, if it is inhibited, was released once. Staying at rest does not re-arm again."""
     match at_rest, inhibited:
         case True, True:
             return Arming.DISARMED, arming is Arming.DEFLECTED

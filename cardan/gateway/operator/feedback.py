@@ -19,7 +19,7 @@ FEEDBACK_PERIOD_S = 0.05
 """Shortest time between changes: a motor needs 50 ms to start and to stop."""
 
 RENEW_S = 0.4
-"""How often lasting rumble is repeated: drivers end it by themselves after 1 s without."""
+"""Period of repeating a lasting rumble: drivers end it by themselves after 1 s without."""
 
 TRIP_PULSE_S = 0.5
 """Duration of the rumble after a trip."""
@@ -27,7 +27,7 @@ TRIP_PULSE_S = 0.5
 LIMIT_LEVEL = 0.4
 
 LEAD_FROM = 0.3
-"""Share of the maximum lead below which nothing rumbles: gravity sag and servo lag take that
+"""Share of the maximum lead below which nothing rumbles: gravity sag and servo lag reach that
 much."""
 
 STEP = 0.05
@@ -43,29 +43,29 @@ class FeedbackOptions(Options):
     led: bool = True
     """The device's light is on while teleoperation is engaged."""
     rumble: tuple[RumbleSource, ...] = ("trip", "limit", "network")
-    """Causes of rumble: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
-    max_lead, the lag of the robot; force, the measured force; network, requests on
+    """Causes of rumble: trip, teleoperation was disengaged; limit, the end of the workspace or the
+    arm's range; max_lead, the lag of the robot; force, the measured force; network, requests on
     `joy/set_feedback`. The strongest counts."""
     full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
 
 
 class ArmFeedback(NamedTuple):
-    """The part of the arm's state that feedback renders."""
+    """State of the arm for feedback."""
 
     engaged: bool
-    """Whether teleoperation is engaged."""
+    """True while teleoperation is engaged."""
     trips: int
-    """How often it was disengaged by a watchdog or fault."""
+    """Count of disengagements by a watchdog or fault."""
     limited: bool
-    """Whether the operator asks for a motion beyond the workspace or the arm."""
+    """True if the operator requests a motion beyond the workspace or the arm's range."""
     lead_used: float
     asked: float = 0.0
     """Level requested from the network, 0..1."""
 
 
 class OperatorFeedback:
-    """Decides on feedback; `channels` are those the device has."""
+    """Chooses the feedback; `channels` are the device's."""
 
     def __init__(self, options: FeedbackOptions, channels: Collection[str]) -> None:
         self._sources = options.rumble if "rumble" in channels else ()
@@ -78,11 +78,11 @@ class OperatorFeedback:
 
     @property
     def useful(self) -> bool:
-        """False when the device has no light or motor that is to be used."""
+        """False if the device has no light or motor to use."""
         return bool(self._sources) or self._led_wanted
 
     def due(self, now_s: float) -> bool:
-        """Whether `update` may have something new."""
+        """Return whether `update` may have something new."""
         return now_s >= self._due_s
 
     def update(

@@ -32,21 +32,21 @@ from cardan.types import (
 )
 
 ENABLE_WITHIN_S = 0.5
-"""Longest time since a press of the enable button that counts: this computer may have stalled."""
+"""Oldest press of the enable button that counts: this computer may have stalled."""
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Names of the device axes and of the twist components they drive, in order."""
 
 
 class Mode(enum.Enum):
-    """Meaning of the motion of a device."""
+    """Meaning of a device's motion."""
 
     RATE = "rate"
     """Deflections are velocities."""
     POSITION = "position"
-    """The TCP moves by as much as the device since the clutch was pressed."""
+    """The TCP moves by the device's displacement since the clutch was pressed."""
     ABSOLUTE = "absolute"
-    """The TCP goes where the device is."""
+    """The TCP follows the device's position by a fixed map."""
 
 
 class Orientation(enum.Enum):
@@ -90,7 +90,7 @@ def _source(axis: str, gain: float) -> Source:
 
 @dataclass(frozen=True, kw_only=True)
 class MappingOptions(Options):
-    """``[mapping]``: how a device is turned into a motion of the TCP."""
+    """``[mapping]``: mapping of a device to a motion of the TCP."""
 
     RENAMED: ClassVar = {
         "device_centre_m": "device_center_m",
@@ -106,49 +106,49 @@ class MappingOptions(Options):
     angular_speed_rad_s: TurningSpeed = 0.4
     """Turning speed at full deflection; rate mode."""
     axes: tuple[str, str, str, str, str, str] = AXES
-    """Device axis that drives each of x y z rx ry rz: a name, "-name" to turn it round, or
-    "fixed" for a component that must not move."""
+    """Device axis that drives each of x y z rx ry rz: a name, "-name" for the opposite direction,
+    or "fixed" for a component that must not move."""
     scale: tuple[Factor, Factor, Factor, Factor, Factor, Factor] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     """Factor on each component."""
     yaw_deg: Angle = 0.0
     """Viewing direction of the operator, seen from above, relative to the robot's x axis."""
     device_rpy_deg: Angles = NO_ANGLES
-    """How the device's axes stand in those of `frame` (roll, pitch, yaw); position and absolute
-    mode."""
+    """Orientation of the device's axes in those of `frame` (roll, pitch, yaw); position and
+    absolute mode."""
     orientation: Orientation | None = None
-    """Meaning of the device's orientation. None: in position mode by `frame`, its turn about
-    its device's axes; in absolute mode it is fixed."""
+    """Meaning of the device's orientation. None: in position mode by `frame`, its turn about its
+    device's axes; in absolute mode fixed."""
     origin_m: Point | None = None
     """TCP position, base frame, when the device is at `device_center_m`; absolute mode."""
     device_center_m: Point = ZERO3
-    """A place of the device, along the device's axes; absolute mode."""
+    """Reference position of the device, along the device's axes; absolute mode."""
     device_to_tool_rpy_deg: Angles = NO_ANGLES
-    """How the tool's axes stand in the device's (roll, pitch, yaw); orientation absolute."""
+    """Orientation of the tool's axes in the device's (roll, pitch, yaw); orientation absolute."""
     approach_speed_m_s: Speed = 0.05
-    """Speed at which the TCP goes to where the device is after the clutch was pressed; absolute
+    """Speed of the TCP towards the device's position after the clutch was pressed; absolute
     mode."""
     approach_speed_rad_s: TurningSpeed = 0.3
     """The same for its orientation."""
     slip_m: Annotated[float, bounds.MAX_LEAD_M] = 0.15
-    """How far the device may lead the TCP: beyond, the clutch slips in position mode, and the
-    TCP goes at the approach speed in absolute mode."""
+    """Largest lead of the device over the TCP: beyond, the clutch slips in position mode, and the
+    TCP moves at the approach speed in absolute mode."""
     slip_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.6
     """The same for its orientation."""
     joints: Mapping[str, str] = field(default_factory=dict)
-    """Device axes that drive a joint each, and the joint's name, beside the TCP: the mixture of
-    Baklouti et al. 2021, equation 7. "-axis" turns it round."""
+    """Device axes that each drive a joint, and the joint's name, beside the TCP: the mixture of
+    Baklouti et al. 2021, equation 7. "-axis" reverses it."""
     joint_speed_rad_s: Annotated[float, bounds.JOINT_SPEED_RAD_S] = 0.4
     """Speed of such a joint at full deflection; m/s for one that slides."""
     deadman: str | tuple[str, ...] = ""
-    """Button, or buttons of which one is held while moving, the clutch in position mode; none, and
-    no `clutch` either: deflection alone moves (not beside a person)."""
+    """Dead-man buttons, one of which is held while moving (the clutch in position mode). Without it
+    and `clutch`, deflection alone moves (not beside a person)."""
     clutch: str = ""
-    """Button of which each press begins or ends the motion; empty: none. With `deadman` too, both
-    are needed."""
+    """Button whose presses alternately begin and end the motion; empty: none. With `deadman` too,
+    both are needed."""
     recapture: str = ""
-    """Button that makes device and TCP, each where it is, belong together; position mode."""
+    """Button that takes the present poses of device and TCP as new references; position mode."""
     enable: str = ""
-    """Button that asks for the robot's drives and program; empty: none."""
+    """Button that requests the robot's drives and program; empty: none."""
     pass_on: str = ""
     """Button that passes the device on to the next session of a daemon that shares it; empty:
     none."""
@@ -176,14 +176,14 @@ class MappingOptions(Options):
 
     @cached_property
     def deadman_buttons(self) -> tuple[str, ...]:
-        """The buttons of which one must be held; none: nothing must."""
+        """The dead-man buttons, one of which must be held; empty: none needed."""
         if isinstance(self.deadman, str):
             return (self.deadman,) if self.deadman else ()
         return self.deadman
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:
-        """Of each of x y z rx ry rz the source, by `axes` and `scale`."""
+        """Source of each of x y z rx ry rz, by `axes` and `scale`."""
         return tuple(map(_source, self.axes, self.scale))
 
     def _rules(self) -> tuple[tuple[str, object, str], ...]:
@@ -251,7 +251,7 @@ class GripperOptions(Options):
     close: str = ""
     open: str = ""
     output: Literal["digital"] | Annotated[int, bounds.ANALOG_OUTPUT] = "digital"
-    """The digital output, or the index of an analog one."""
+    """The digital output, or the index of an analog output."""
     closed_value: Annotated[float, bounds.OUTPUT_VALUE] = 1.0
     open_value: Annotated[float, bounds.OUTPUT_VALUE] = 0.0
 
@@ -278,14 +278,14 @@ class TwistMapping:
             for axis, joint in options.joints.items()
         ]
         self.drives_joints = bool(self._joints)
-        """True when some axes drive joints."""
+        """True if some axes drive joints."""
         self.follows_pose = options.mode is not Mode.RATE
-        """True where the device's pose moves the TCP, and its deflections mean nothing."""
+        """True if the device's pose moves the TCP, and its deflections mean nothing."""
         self._gripper_buttons = (gripper or GripperOptions()).buttons
         self.gripper_closed = False
 
     def twist(self, axes: Sequence[float]) -> Twist:
-        """The twist of six deflections, along the axes of `options.frame`."""
+        """Return the twist of six deflections, along the axes of `options.frame`."""
         x, y, z, rx, ry, rz = map(mul, self._sources(axes), self._gains)
         linear = tuple.__new__(Vector3, (x, y, z))
         angular = tuple.__new__(Vector3, (rx, ry, rz))
@@ -295,16 +295,16 @@ class TwistMapping:
         return tuple.__new__(Twist, (linear, angular, self.options.frame))
 
     def joint_rates(self, axes: Sequence[float]) -> dict[str, float]:
-        """The wanted speeds of joints by name, rad/s or m/s."""
+        """Return the wanted speeds of joints by name, rad/s or m/s."""
         return {joint: axes[index] * gain for index, gain, joint in self._joints}
 
     def passes_on(self, events: Iterable[ButtonEvent]) -> bool:
-        """True when the operator passes the device on to the next session."""
+        """Return whether the operator passes the device on to the next session."""
         button = self.options.pass_on
         return any(event.pressed and event.button == button for event in events)
 
     def presses_enable(self, events: Iterable[ButtonEvent], now_s: float) -> bool:
-        """True when the operator presses the enable button. An old press does not count."""
+        """Return whether the operator presses the enable button. An old press does not count."""
         return any(
             event.pressed
             and event.button == self.options.enable
@@ -313,8 +313,8 @@ class TwistMapping:
         )
 
     def not_at_rest(self, device: DeviceState) -> str:
-        """Why a press of the enable button is refused: a robot that was just enabled must not begin
-        to move. Empty with a live device, nothing deflected and no dead-man held."""
+        """Return why a press of the enable button is refused: a robot that was just enabled must
+        not begin to move. Empty with a live device, no deflection and no dead-man held."""
         if device.link is not DeviceLink.LIVE:
             return f"the device is {device.link.value}"
         if held := sorted(device.buttons.intersection(self.options.deadman_buttons)):
@@ -324,7 +324,7 @@ class TwistMapping:
         return ""
 
     def take_gripper(self, events: Iterable[ButtonEvent]) -> bool:
-        """Apply the gripper buttons among `events`; True when the gripper changes."""
+        """Apply the gripper buttons among `events`; return whether the gripper changes."""
         before = self.gripper_closed
         for event in events:
             action = self._gripper_buttons.get(event.button) if event.pressed else None

@@ -1,12 +1,11 @@
-"""Position control: the TCP moves as the device has moved since the clutch was pressed.
-
-The reference that follows is the one of rate control, with all its limits: each tick asks for the
-twist that brings it to its target as fast as it can still stop there. So nothing ever steps, and
-a device that is faster than the limits is caught up with, not overshot.
+"""Position control: the TCP moves as the device has moved since the clutch was pressed. It uses the
+reference of rate control with all its limits: each tick requests the fastest twist towards the
+target from which the reference can still stop there. The command therefore has no steps, and the
+TCP catches up with a device that exceeds the limits without overshoot.
 
 This is the "differential control" of the bilateral teleoperation paper of 2026, with its defects
-corrected: the scale acts on the displacement, and displacements are along the base's axes unless
-those of the start TCP are asked for.
+corrected: the scale acts on the displacement, and displacements are along the base's axes, or by
+option those of the start TCP.
 """
 
 from __future__ import annotations
@@ -40,14 +39,14 @@ from cardan.spatial import (
 from cardan.types import IDENTITY, NEVER_S, ZERO3, Frame, Pose, Quaternion, Twist, Vector3
 
 FOLLOW_TIME_S = 0.04
-"""Time constant with which a small distance is closed: ten control cycles of EGM. Shorter, the
-noise of a pose sensor shows in the arm; longer, the operator notices the delay."""
+"""Time constant for closing a small distance: ten control cycles of EGM. Shorter, the noise of a
+pose sensor shows in the arm; longer, the operator notices the delay."""
 
 HAND_SPEED_M_S, HAND_SPEED_RAD_S = 3.0, 15.0
 """Largest plausible speed of a hand: faster is another hand or a fault of the sensor."""
 
 HAND_NOISE_M, HAND_NOISE_RAD = 0.01, 0.1
-"""Tolerance added to the way at that speed: two reports may come close together."""
+"""Tolerance added to the distance at that speed: two reports may come close together."""
 
 LONGEST_GAP_S = 0.1
 """Longest time between two reports; a longer one by their stamps counts as this."""
@@ -57,7 +56,7 @@ FARTHEST_M = 10.0
 
 
 def is_pose(pose: Pose | None) -> TypeGuard[Pose]:
-    """Whether a device's pose is plausible: finite, near the device, a unit quaternion."""
+    """Return whether a device's pose is plausible: finite, near the device, a unit quaternion."""
     return (
         pose is not None
         and is_finite(pose.position)
@@ -68,10 +67,8 @@ def is_pose(pose: Pose | None) -> TypeGuard[Pose]:
 
 
 def resting_pose(reference: Reference) -> Pose:
-    """Pose of `reference` at rest after the hardest allowed braking.
-
-    A clutch pressed there draws nothing back that moved on while the reference braked.
-    """
+    """Return the pose of `reference` at rest after the hardest allowed braking. A clutch pressed
+    there does not draw the reference back after it braked."""
     pose, limits = reference.pose, reference.limits
     assert pose is not None
     linear, angular = reference.linear, reference.angular
@@ -87,10 +84,10 @@ def resting_pose(reference: Reference) -> Pose:
 
 
 def _turning_sources(options: MappingOptions) -> list[Source] | None:
-    """The rotation among `options.axes`: of gain 1 or -1, nothing fixed, nothing mirrored.
+    """Return the rotation among `options.axes`: of gain 1 or -1, nothing fixed, nothing mirrored.
 
-    Components that do not move take the remaining axes, their own if they can. None where
-    there is no such rotation: the axes mirror, or one drives several components.
+    Components that do not move take the remaining axes, their own if they can. None if there is no
+    such rotation: the axes mirror, or one drives several components.
     """
     rows = [
         (index, math.copysign(1.0, gain)) if gain and index < 3 else None
@@ -115,8 +112,8 @@ def _turning_sources(options: MappingOptions) -> list[Source] | None:
 
 
 def mirrors(options: MappingOptions) -> bool:
-    """Whether `options.axes` and `.scale` are no rotation for the device's directions: a mirror, or
-    one axis that drives several components. Forces cannot be mapped back then."""
+    """Return whether `options.axes` and `.scale` are no rotation for the device's directions: a
+    mirror, or one axis that drives several components. Forces cannot be mapped back then."""
     return _turning_sources(options) is None
 
 
@@ -125,7 +122,8 @@ LEAST_FOLLOWED = 0.001
 
 
 def unfollowed(options: MappingOptions) -> tuple[str, ...]:
-    """Those of x, y, z of the TCP that the device does not move, along the mapping's axes."""
+    """Return those of x, y, z of the TCP that the device does not move, along the mapping's
+    axes."""
     return tuple(
         axis
         for axis, (index, gain) in zip(AXES, options.sources[:3], strict=False)
@@ -145,7 +143,7 @@ class DevicePoseMapping(ABC):
         """Turns device axes into those of the mapping's frame."""
         self._yaw = from_rpy_deg((0.0, 0.0, options.yaw_deg))
         self._linear_axes = self._angular_axes = IDENTITY
-        """Turn the mapping's frame into the base, as it was when the clutch was pressed."""
+        """Rotations from the mapping's frame to the base at the press of the clutch."""
         self._orientation = options.orientation
         self._device: Pose | None = None
         self._device_s = NEVER_S
@@ -160,11 +158,11 @@ class DevicePoseMapping(ABC):
     @property
     @abstractmethod
     def remark(self) -> str:
-        """A message about the last call for the operator; empty: all is well."""
+        """Return a message about the last call for the operator; empty: all is well."""
 
     def engage(self, device: Pose, stamp_s: float, tcp: Pose) -> None:
-        """The clutch was pressed: from here on the TCP, commanded to be at `tcp` (base axes),
-        follows `device` (device axes). Called again without release(): all begins anew."""
+        """Begin at a press of the clutch: from here on the TCP, commanded to be at `tcp` (base
+        axes), follows `device` (device axes). A second call without release() starts again."""
         frame = self.options.frame
         follows_base = self._orientation is Orientation.FOLLOW_BASE
         self._linear_axes = tcp.orientation if frame is Frame.TOOL else self._yaw
@@ -175,11 +173,12 @@ class DevicePoseMapping(ABC):
             self._rotation_map = self._matrix(self._turning_sources)
 
     def release(self) -> None:
-        """The clutch was released."""
+        """End following: the clutch was released."""
         self._device = self._target = None
 
     def jumps(self, device: Pose, stamp_s: float) -> bool:
-        """Whether `device`, measured at `stamp_s`, is implausibly far from the pose before."""
+        """Return whether `device`, measured at `stamp_s`, is implausibly far from the previous
+        pose."""
         if self._device is None:
             return False
         time_s = min(max(0.0, stamp_s - self._device_s), LONGEST_GAP_S)
@@ -193,7 +192,7 @@ class DevicePoseMapping(ABC):
     def _closing(
         self, way: Vector3, turn: Vector3, speed_m_s: float, speed_rad_s: float, dt_s: float
     ) -> Twist:
-        """The twist that closes `way` and `turn`, at most at these speeds."""
+        """Return the twist that closes `way` and `turn`, at most at these speeds."""
         limits = self.limits
         return Twist(
             _closing_velocity(way, speed_m_s, limits.linear_acceleration_m_s2, dt_s),
@@ -203,7 +202,8 @@ class DevicePoseMapping(ABC):
 
     @abstractmethod
     def twist(self, device: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to the target of `device`."""
+        """Return the twist (base axes) that brings the reference at `tcp` to the target of
+        `device`."""
 
     def world_map(self) -> WorldMap | None:
         """Map from the device's position to the commanded position of the TCP at present.
@@ -222,11 +222,12 @@ class DevicePoseMapping(ABC):
 
     @abstractmethod
     def _map_offset(self) -> Vector3:
-        """The offset of the map, beside its linear part."""
+        """Return the offset of the map, beside its linear part."""
 
     def _moved(self, device: Pose) -> Sequence[float]:
-        """Device motion since the last call: a displacement and a rotation vector, both along
-        the axes of the mapping's frame (the rotation about its own where the tool follows)."""
+        """Return the device's motion since the last call: a displacement and a rotation vector,
+        both along the axes of the mapping's frame (the rotation about its own if the tool follows).
+        """
         assert self._device is not None
         before, after = self._device.orientation, device.orientation
         way = subtract(device.position, self._device.position)
@@ -237,12 +238,12 @@ class DevicePoseMapping(ABC):
         return (*rotate(self._aligned, way), *rotate(self._aligned, turn))
 
     def _to_base(self, moved: Sequence[float], sources: Sequence[Source]) -> Vector3:
-        """The displacement of the TCP, base axes, for a motion of the device."""
+        """Return the displacement of the TCP, base axes, for a motion of the device."""
         (i, a), (j, b), (k, c) = sources[:3]
         return rotate(self._linear_axes, Vector3(moved[i] * a, moved[j] * b, moved[k] * c))
 
     def _turned(self, moved: Sequence[float], orientation: Quaternion) -> Quaternion:
-        """`orientation` of the target, turned by the motion of the device."""
+        """Return the target's `orientation`, turned by the motion of the device."""
         kind = self._orientation
         if kind is Orientation.FIXED:
             return orientation
@@ -253,7 +254,7 @@ class DevicePoseMapping(ABC):
         return multiply(from_rotation_vector(rotate(self._angular_axes, turn)), orientation)
 
     def _matrix(self, sources: Sequence[Source]) -> Matrix3:
-        """The matrix of `_to_base` for positions of the device."""
+        """Return the matrix of `_to_base` for positions of the device."""
         x, y, z = (
             self._to_base((*rotate(self._aligned, unit), *ZERO3), sources)
             for unit in (Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0))
@@ -261,14 +262,14 @@ class DevicePoseMapping(ABC):
         return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
 
     def _mapped(self, way: Vector3) -> Vector3:
-        """`way` of the device through the linear map."""
+        """Map `way` of the device through the linear map."""
         a, b, c, d, e, f, g, h, i = self._linear_map
         x, y, z = way
         return Vector3(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
 
 
 def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
-    """`world` with all its results at `at_m` along the base's `axis`."""
+    """Return `world` with all its results at `at_m` along the base's `axis`."""
     linear, offset = list(world.linear), list(world.offset)
     linear[3 * axis : 3 * axis + 3] = ZERO3
     offset[axis] = at_m
@@ -277,32 +278,28 @@ def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
 
 
 class PositionMapping(DevicePoseMapping):
-    """The TCP moves as the device has moved since the clutch was pressed.
-
-    Each motion of the device between two reports moves the target, so that no rotation is too long
-    and a target that slips stays where it slipped to.
-    """
+    """Moves the TCP as the device has moved since the clutch was pressed. Each motion of the device
+    between two reports moves the target, so that no rotation is too long and a target that slips
+    keeps its new place."""
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         super().__init__(options, limits)
         self.slips = False
-        """Whether the device was too far ahead at the last call."""
+        """True if the device was too far ahead at the last call."""
 
     @property
     def remark(self) -> str:
-        """Whether the clutch slips, for the operator."""
+        """Return a message for the operator if the clutch slips."""
         return "the device is too far ahead of the TCP: the clutch slips" if self.slips else ""
 
     def release(self) -> None:
-        """The clutch was released."""
+        """End following: the clutch was released."""
         super().release()
         self.slips = False
 
     def twist(self, device: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to the target of `device`.
-
-        A device too far ahead is not followed: the clutch slips, and the target stays near.
-        """
+        """Return the twist (base axes) that brings the reference at `tcp` to the target of
+        `device`. The target does not follow a device too far ahead: the clutch slips."""
         assert self._target is not None
         moved = self._moved(device)
         position = add(self._target.position, self._to_base(moved, self._sources))
@@ -328,7 +325,8 @@ class PositionMapping(DevicePoseMapping):
 
 
 def _closing_velocity(way: Vector3, speed: float, acceleration: float, dt_s: float) -> Vector3:
-    """The velocity that closes `way` soon, and from which it can still stop at its end."""
+    """Return the velocity that closes `way` quickly, and from which it can still stop at its
+    end."""
     distance = norm(way)
     if distance < 1e-9:
         return ZERO3

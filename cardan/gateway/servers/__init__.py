@@ -1,1 +1,1 @@
-"""Processes on the bus that show it in other protocols, or keep it together."""
+"""Servers that offer the bus in other protocols, and its router."""

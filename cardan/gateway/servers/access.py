@@ -1,8 +1,8 @@
 """Access control of a web server: by token, Origin and Host.
 
-A browser lets every page open a WebSocket to this machine, and says in ``Origin`` which page it
-was. A page may have its own name resolve to this machine's address (DNS rebinding): ``Host`` has
-that name then. Programs that are no browsers send no Origin.
+A browser lets every page open a WebSocket to this machine, and names the page in ``Origin``. A page
+may let its own name resolve to this machine's address (DNS rebinding): ``Host`` has that name then.
+Programs other than browsers send no Origin.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ TOKEN_KEYS = ("t", "token")
 
 
 class AccessDenied(NamedTuple):
-    """Reason why a client is refused; never with the token that it sent."""
+    """Reason for refusing a client; never with the token that it sent."""
 
     status: HTTPStatus
     reason: str
     retry_s: float | None = None
-    """When to try again; None: that would change nothing."""
+    """Time after which a retry may succeed; None: never."""
 
 
 class ClientInfo(NamedTuple):
-    """A client, as the first lines of its request describe it."""
+    """A client, by the first lines of its request."""
 
     address: str
     """IP address."""
     path: str
-    """With its query."""
+    """Path with query."""
     hosts: Sequence[str]
     """Values of the header Host."""
     origins: Sequence[str] = ()
@@ -48,11 +48,11 @@ class ClientInfo(NamedTuple):
 
 
 class AccessControl:
-    """The rules of one server."""
+    """Access rules of one server."""
 
     def __init__(self, tokens: Tokens, hosts: Sequence[str], origins: Sequence[str]) -> None:
-        """`tokens` empty: none is needed. `hosts`: further names of this machine. `origins`: pages
-        from elsewhere that may come in, as browsers say them ("https://app.example", "null")."""
+        """`tokens` empty: none is needed. `hosts`: further names of this machine. `origins`:
+        foreign pages that may connect, as browsers name them ("https://app.example", "null")."""
         self._tokens = tokens
         self._failed = FailedTokens(right=tokens.beginnings(BEGINNING_CHARACTERS))
         own = socket.gethostname().lower()
@@ -96,7 +96,7 @@ class AccessControl:
         if wait_s == 0.0:
             for each in given:
                 self._failed.failed(caller.address, each, now_s)
-        # The same answer to all wrong ones: none tells how a right one begins.
+        # The same answer to all wrong ones: none reveals the beginning of a right one.
         wait_s = max(wait_s, wrong_s)
         if wait_s > 0.0:
             return AccessDenied(
@@ -118,7 +118,7 @@ class AccessControl:
 
 
 def _given(caller: ClientInfo) -> list[str]:
-    """All that may be a token."""
+    """Return all that may be a token."""
     given = [
         words[1].strip()
         for each in caller.authorizations
@@ -136,7 +136,7 @@ def _given(caller: ClientInfo) -> list[str]:
 
 
 def _host_name(address: str) -> str | None:
-    """The name in ``scheme://name:port``; None where there is none."""
+    """Return the name in ``scheme://name:port``; None if there is none."""
     try:
         return urlsplit(address).hostname
     except ValueError:

@@ -1,4 +1,4 @@
-"""Declaration of a server, of which ``cardan net server`` makes its command."""
+"""Declaration of a server, from which ``cardan net server`` makes its command."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from cardan.common.serving import interruptible
 OptionsT = TypeVar("OptionsT")
 
 Ready = Callable[[str], None]
-"""`ready(endpoint)`: it serves, and others connect there."""
+"""Called with the endpoint once the server accepts connections there."""
 
 
 class Server(ABC, Generic[OptionsT]):
-    """A process on the bus. It is never instantiated; the class's docstring says what it does, and
-    is the command's summary.
+    """A process on the bus. It is never instantiated; the class's docstring is the command's
+    summary.
 
     All fields of `Options`, and of dataclasses in it, are options of the command, each with the
     text below it as its help::
@@ -29,22 +29,22 @@ class Server(ABC, Generic[OptionsT]):
     """
 
     Options: ClassVar[type]
-    """A frozen dataclass. All fields have defaults, and no two of them the same name."""
+    """A frozen dataclass. All fields have defaults, and unique names."""
     page: ClassVar[str] = ""
-    """Its documentation: a page as seen from Cardan's docs/, or a URL."""
+    """Its documentation: a page relative to Cardan's docs/, or a URL."""
     epilog: ClassVar[str] = "Prints READY and its endpoint once it serves."
-    """Below the options in the help."""
+    """Text below the options in the help."""
     example: ClassVar[str] = ""
-    """Words that are typed after ``cardan net server NAME`` in the example that ends the help."""
+    """Words after ``cardan net server NAME`` in the example at the end of the help."""
 
     @classmethod
     @abstractmethod
     def serve(cls, options: OptionsT, ready: Ready, stop: threading.Event) -> None:
-        """Serve until `stop` is set; call `ready` once. Raises a CardanError where it cannot."""
+        """Serve until `stop` is set; call `ready` once. Raises a CardanError on failure."""
 
     @classmethod
     def run(cls, options: OptionsT, seconds: float | None) -> None:
-        """Serve until `seconds` are over (None: any time) or a signal asks for the end."""
+        """Serve until `seconds` are over (None: no limit) or a signal requests the end."""
         with interruptible() as stop:
             timer = None if seconds is None else threading.Timer(seconds, stop.set)
             if timer is not None:

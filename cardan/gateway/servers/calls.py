@@ -1,4 +1,4 @@
-"""Calls of services on the network behind a server, for an asyncio loop."""
+"""Service calls on the network behind a server, for an asyncio loop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cardan.protocols.ros2.interfaces import service_type
 
 
 class CallError(Exception):
-    """A service gave no answer; the text says why."""
+    """Error: a service gave no answer; the text says why."""
 
 
 class Mailbox:
@@ -27,7 +27,7 @@ class Mailbox:
         self._closed = False
 
     def put(self, call: Callable[[], None]) -> None:
-        """Have `call` run soon. From any thread; after `close` nothing happens."""
+        """Schedule `call`. From any thread; no effect after `close`."""
         with self._lock:
             if self._closed:
                 return
@@ -36,7 +36,7 @@ class Mailbox:
                 self._loop.call_soon_threadsafe(self._run)
 
     def close(self) -> None:
-        """Take nothing more. To be called before the loop ends."""
+        """Accept no further calls. Must be called before the loop ends."""
         with self._lock:
             self._closed = True
 
@@ -48,7 +48,7 @@ class Mailbox:
 
 
 class ServiceCaller:
-    """Calls services; for the thread of the loop."""
+    """Calls services from the thread of the loop."""
 
     def __init__(self, network: Network, mailbox: Mailbox) -> None:
         self._network, self._mailbox = network, mailbox
@@ -56,10 +56,8 @@ class ServiceCaller:
     def start(
         self, service: str, type_name: str, request: Mapping[str, Any], timeout_s: float | None
     ) -> asyncio.Future[Message]:
-        """Send a request, whole as the type has it; the future has the response, or a CallError.
-
-        Raises NetworkError, CdrError and InterfaceError.
-        """
+        """Send a complete request of the type; the future gets the response, or a CallError. Raises
+        NetworkError, CdrError and InterfaceError."""
         kind = service_type(type_name)
         data = codec_of(kind.request).encode(request)
         future: asyncio.Future[Message] = asyncio.get_running_loop().create_future()

@@ -16,20 +16,20 @@ from websockets.protocol import State
 from cardan.gateway.servers.send_queue import Due, Frame, PaceT, SampleT, SendQueue, TopicQueue
 
 FREE_BYTES = 64 * 1024
-"""While more than this waits for a client to read, only the newest of each topic is kept."""
+"""Unread bytes of a client beyond which only the newest message of each topic is kept."""
 
 _log = logging.getLogger(__name__)
 
 
 class Ready(NamedTuple):
-    """A frame, and its bytes on the wire without extensions: the same for all clients."""
+    """A frame, and its encoding without extensions: the same for all clients."""
 
     frame: Frame
     wire: bytes
 
 
 def ready(frame: Frame) -> Ready:
-    """A frame that is ready to be sent."""
+    """Return a frame with its encoding."""
     text = isinstance(frame, str)
     data = frame.encode() if isinstance(frame, str) else frame
     opcode = Opcode.TEXT if text else Opcode.BINARY
@@ -37,7 +37,7 @@ def ready(frame: Frame) -> Ready:
 
 
 def _in_parts(frame: Frame) -> Frame | Iterable[Frame]:
-    """A frame, or the parts of a large one: pings go out between them, and are answered in time."""
+    """Split a large frame into parts: pings are sent between them, and answered in time."""
     if len(frame) <= FREE_BYTES:
         return frame
     return (frame[at : at + FREE_BYTES] for at in range(0, len(frame), FREE_BYTES))
@@ -54,8 +54,8 @@ class SendLoop(Generic[PaceT, SampleT]):
         counts: Counter[str],
         encoded: Callable[[TopicQueue[PaceT, SampleT], SampleT], Iterable[Frame]],
     ) -> None:
-        """`max_bytes`: of control frames that the client does not read. `encoded`: the
-        frames of a publication that has waited."""
+        """`max_bytes`: of control frames that the client does not read. `encoded`: encodes a
+        publication that has waited."""
         self.outbox: SendQueue[PaceT, SampleT] = SendQueue(max_bytes)
         self._connection, self._peer, self._counts, self._encoded = (
             connection,
@@ -66,7 +66,7 @@ class SendLoop(Generic[PaceT, SampleT]):
         self._loop = asyncio.get_running_loop()
         self._something = asyncio.Event()
         self._calm = asyncio.Event()
-        """No frame waits that must not be dropped."""
+        """Set while no frame waits that must not be dropped."""
         self._calm.set()
         self._put: list[bytes] = []
         self._put_bytes = 0
@@ -83,7 +83,7 @@ class SendLoop(Generic[PaceT, SampleT]):
         self._counts["superseded"] += self.outbox.superseded
 
     def close(self) -> None:
-        """Send nothing more. Twice is fine."""
+        """Stop sending. Twice is fine."""
         self._closed = True
         self._calm.set()
 
@@ -96,11 +96,8 @@ class SendLoop(Generic[PaceT, SampleT]):
         return self._put_bytes + transport.get_write_buffer_size() <= FREE_BYTES
 
     def put(self, what: Ready) -> None:
-        """Send a frame now; only while it is free.
-
-        All frames of one turn of the loop leave in one piece, which costs one system call instead
-        of one for each topic.
-        """
+        """Send a frame now; only while it is free. All frames of one turn of the loop are written
+        together, which costs one system call instead of one for each topic."""
         if self._connection.protocol.extensions:  # Each client's bytes are its own.
             broadcast([self._connection], what.frame)
             return
@@ -116,11 +113,11 @@ class SendLoop(Generic[PaceT, SampleT]):
         self._put_bytes = 0
 
     def wake(self) -> None:
-        """There is something in the outbox."""
+        """Signal new data in the outbox."""
         self._something.set()
 
     def send(self, *frames: Frame) -> None:
-        """Send a control frame: at once, or first of all that waits."""
+        """Send a control frame: at once, or before all waiting publications."""
         for frame in frames:
             if self.free and not self.outbox.has_control and len(frame) <= FREE_BYTES:
                 self.put(ready(frame))
@@ -139,7 +136,7 @@ class SendLoop(Generic[PaceT, SampleT]):
         await self._calm.wait()
 
     async def _write(self) -> None:
-        """Send waiting frames, as fast as the client reads."""
+        """Send waiting frames as fast as the client reads."""
         try:
             while True:
                 due = self.outbox.take(self._loop.time())

@@ -1,4 +1,4 @@
-"""The network as clients of a server see it: topics, services, and their definitions."""
+"""The network's graph for clients of a server: topics, services, and their definitions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cardan.protocols.ros2.interfaces import InterfaceError, full_text, message_
 
 
 class VisibleGraph:
-    """The graph as far as clients may see it. Of actions there are no topics and services."""
+    """The graph as far as clients may see it, without the topics and services of actions."""
 
     def __init__(self, network: Network, allowed: Allowed) -> None:
         self._network, self._allowed = network, allowed
@@ -30,14 +30,14 @@ class VisibleGraph:
         }
 
     def callable_services(self) -> dict[str, ServiceInfo]:
-        """Those that clients may call. Where they may not use all parameters, those by which nodes
-        give their own are not among them."""
+        """The services that clients may call. If parameters are restricted, the parameter services
+        of nodes are left out."""
         services = self.services().items()
         return {name: each for name, each in services if self._allowed.call(each.type)}
 
 
 def definition(type_name: str) -> str:
-    """The full definition of a message's type; empty for one that Cardan does not know."""
+    """Return the full definition of a message's type; empty if Cardan does not know it."""
     try:
         message_type(type_name)
         return full_text(type_name)
@@ -46,5 +46,5 @@ def definition(type_name: str) -> str:
 
 
 def _is_hidden(name: str) -> bool:
-    """Whether ``ros2 topic list`` leaves it out: a part of it begins with _."""
+    """Return whether ``ros2 topic list`` leaves it out: a part of it begins with _."""
     return "/_" in name

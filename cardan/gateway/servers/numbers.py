@@ -1,5 +1,5 @@
-"""Numbers of a server's clients, which name them on the bus: a client that comes back has its
-number again, and with it an arm's estimate of its clock."""
+"""Numbers of a server's clients, part of their names on the bus: a returning client has its number
+again, and with it an arm's estimate of its clock."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from cardan.gateway.servers.tokens import Role
 from cardan.gateway.servers.web import ListenerConnection
 
 KEPT = 64
-"""Numbers of clients that have left which are kept for their addresses; the oldest go first."""
+"""Most numbers kept for the addresses of clients that have left; the oldest are dropped first."""
 
 KEPT_S = 3600.0
-"""How long they are."""
+"""Time for which they are kept."""
 
 
 class ClientNumbers:
@@ -28,12 +28,12 @@ class ClientNumbers:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._new, self._clock = itertools.count(1), clock
         self._left: list[tuple[str, int, float]] = []
-        """Address, number and time of those that have left, the last one last."""
+        """Address, number and time of clients that have left, the last one last."""
 
     @contextlib.contextmanager
     def of(self, address: str) -> Iterator[int]:
-        """The number of a client from this address while it is here: that of the client of the same
-        address that left last, if there is one."""
+        """Return the number of a client from this address while it is connected: that of the last
+        client of the same address that left, if there is one."""
         number = self._take(address)
         try:
             yield number
@@ -44,8 +44,8 @@ class ClientNumbers:
     def joined(
         self, kind: str, connection: ListenerConnection, network: Network, role: Role
     ) -> Iterator[tuple[str, Network]]:
-        """The name on the network, and the part of it, of a client of this kind while it is here;
-        that it leaves is no fault."""
+        """Join a client of this kind while it is connected; yield its name on the network, and its
+        part of the network. Its disconnection is no fault."""
         address = connection.remote_address
         with self.of(address[0] if address else "") as number:
             name = f"{kind}_client_{number}"

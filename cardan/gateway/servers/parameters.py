@@ -15,10 +15,10 @@ from cardan.protocols.ros2.interfaces import service_type
 from cardan.protocols.ros2.messages import completed
 
 TIMEOUT_S = 5.0
-"""Longest wait for a node's parameters; rosapi's own."""
+"""Longest wait for a node's parameters, the same as in rosapi."""
 
 EVENTS, EVENT = "/parameter_events", "rcl_interfaces/msg/ParameterEvent"
-"""Topic on which nodes say which of their parameters have changed."""
+"""Topic on which nodes report changes of their parameters."""
 
 VALUE = "rcl_interfaces/msg/ParameterValue"
 
@@ -40,7 +40,7 @@ class NodeParameters:
         self._network, self._caller, self._allowed = network, caller, allowed
 
     def nodes(self) -> list[str]:
-        """Full names of the nodes that have parameters."""
+        """Return the full names of the nodes that have parameters."""
         return [
             name.removesuffix(_LIST)
             for name, service in self._network.services().items()
@@ -48,7 +48,7 @@ class NodeParameters:
         ]
 
     async def names(self) -> list[str]:
-        """All that clients may use, sorted; of a node that does not answer, none."""
+        """Return all names that clients may use, sorted, without nodes that do not answer."""
         nodes = self.nodes()
         found = await asyncio.gather(*map(self._names_of, nodes))
         names = [f"{node}:{name}" for node, own in zip(nodes, found, strict=True) for name in own]
@@ -62,11 +62,11 @@ class NodeParameters:
         return [str(name) for name in response["result"]["names"]]
 
     async def value(self, name: str) -> Message:
-        """The ``rcl_interfaces/msg/ParameterValue``. Raises one of REFUSALS."""
+        """Return the ``rcl_interfaces/msg/ParameterValue``. Raises one of REFUSALS."""
         return (await self.values_of([name]))[name]
 
     async def values_of(self, names: Sequence[str]) -> dict[str, Message]:
-        """The values of parameters of one node, by name. Raises one of REFUSALS."""
+        """Return the values of parameters of one node, by name. Raises one of REFUSALS."""
         node = self.checked(names[0])[0]
         asked = [self.checked(name)[1] for name in names]
         response = await self._call(node, "get_parameters", "GetParameters", {"names": asked})
@@ -74,7 +74,7 @@ class NodeParameters:
         return {name: completed(VALUE, value) for name, value in zip(names, values, strict=True)}
 
     async def change(self, name: str, value: Message) -> Message:
-        """Set a parameter: the result with its `successful` and `reason`. Raises one of
+        """Set a parameter; return the result with its `successful` and `reason`. Raises one of
         REFUSALS."""
         node, parameter = self.checked(name)
         change = {"parameters": [{"name": parameter, "value": value}]}
@@ -85,7 +85,7 @@ class NodeParameters:
         return {"successful": results[0]["successful"], "reason": results[0]["reason"]}
 
     def checked(self, name: str) -> tuple[str, str]:
-        """Node and parameter. Raises ValueError, also where clients may not use it."""
+        """Return node and parameter. Raises ValueError, also if clients may not use it."""
         node, parameter = parameter_name(name)
         if not self._allowed.parameter(f"{node}:{parameter}"):
             raise ValueError(f"{node}:{parameter} is not among the parameters that clients may use")

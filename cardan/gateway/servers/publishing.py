@@ -1,4 +1,4 @@
-"""The topics that a client of a server publishes on."""
+"""Topics that a client of a server publishes on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_ADVERTISED = 1000
 
 
 class RefusedError(Exception):
-    """The client's request cannot be carried out."""
+    """Error: the client's request cannot be carried out."""
 
 
 class Advertised(NamedTuple):
@@ -35,7 +35,7 @@ class Advertisements:
         self._of_topic: dict[str, Advertised] = {}
 
     def topic(self, name: str) -> str:
-        """The absolute name of a topic that the client may use. Raises RefusedError and
+        """Return the absolute name of a topic that the client may use. Raises RefusedError and
         RosNameError."""
         topic = checked_name(name)
         if not self._allowed.topic(topic):
@@ -47,13 +47,13 @@ class Advertisements:
         return self._of_topic.get(topic)
 
     def type_of(self, topic: str) -> str:
-        """The type that the topic has for this client or on the network; empty: none yet."""
+        """Return the type of the topic for this client or on the network; empty: none yet."""
         known = self._of_topic.get(topic) or self._network.topics().get(topic)
         return known.type if known else ""
 
     def add(self, topic: str, type_name: str, latched: bool, identity: Hashable) -> Advertised:
-        """Publish on a topic, of this type or, where it is empty, of the topic's. Raises
-        RefusedError, InterfaceError and NetworkError."""
+        """Publish on a topic, of this type or, if it is empty, of the topic's. Raises RefusedError,
+        InterfaceError and NetworkError."""
         wanted = agreed_type(topic, type_name, self.type_of(topic))
         found = self._of_topic.get(topic)
         if found is not None:
@@ -67,7 +67,7 @@ class Advertisements:
         return found
 
     def remove(self, topic: str, identity: Hashable) -> None:
-        """Take back one advertisement; None: all. Raises RefusedError where there is none."""
+        """Remove one advertisement; None: all. Raises RefusedError if there is none."""
         found = self._of_topic.get(topic)
         if found is None:
             raise RefusedError(f"{topic} is not advertised")
@@ -77,14 +77,14 @@ class Advertisements:
             found.publisher.close()
 
     def close(self) -> None:
-        """Take back all."""
+        """Remove all."""
         for each in self._of_topic.values():
             each.publisher.close()
         self._of_topic.clear()
 
 
 def agreed_type(name: str, asked: str, present: str) -> str:
-    """The type that a topic has or gets; empty where neither says one. Raises RefusedError where
+    """Return the type that a topic has or gets; empty if neither is given. Raises RefusedError if
     they differ."""
     wanted = full_name(asked) if asked else ""
     if wanted and present and wanted != present:

@@ -1,5 +1,5 @@
 """Rate limit for failed token attempts, per address: a burst of wrong tokens with the same
-beginning, then only one in a while; and more coarsely all wrong ones. All times are monotonic, in
+beginning, then a low rate; and a coarser limit for all wrong ones. All times are monotonic, in
 seconds."""
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 BURST = 20
-"""Wrong tokens in a row with one beginning that an address may try: typing errors."""
+"""Wrong tokens in a row with one beginning that an address may try: allows for typing errors."""
 
 FORGOTTEN_S = 10.0
-"""After so long one wrong token of an address is forgotten: 8640 guesses a day."""
+"""Time after which one wrong token of an address is forgotten: 8640 guesses a day."""
 
 BEGINNING_CHARACTERS = 8
-"""Wrong tokens are counted by their beginning, so that they are in no other token's way. It is half
+"""Characters by which wrong tokens are counted, so that they do not block other tokens. It is half
 of the shortest token: the other half can only be guessed slowly behind each beginning."""
 
 MOST_BEGINNINGS = 4096
-"""Beginnings that are kept in mind; further ones take the place of that tried least lately."""
+"""Most beginnings that are remembered; a new one replaces the longest unused."""
 
 
 ADDRESS_BURST = 200
-"""Wrong tokens in a row, whatever they are, that an address may try: more are not even told apart
-from one that must wait. The right one comes in nevertheless."""
+"""Wrong tokens in a row, of any beginning, that an address may try: beyond, all get the answer of a
+blocked one. The right token is accepted nevertheless."""
 
 ADDRESS_FORGOTTEN_S = 1.0
-"""After so long one of them is forgotten."""
+"""Time after which one of them is forgotten."""
 
 
 class _Tries(NamedTuple):
@@ -37,7 +37,7 @@ class _Tries(NamedTuple):
 
 
 class FailedTokens:
-    """The wrong tokens of each address, by their beginning. Of IPv6 the address is the network
+    """The wrong tokens of each address, by their beginning. An IPv6 address counts as its network
     (/64), because a client with one address of it has them all."""
 
     def __init__(
@@ -47,8 +47,8 @@ class FailedTokens:
         most_beginnings: int = MOST_BEGINNINGS,
         right: Collection[str] = (),
     ) -> None:
-        """`right`: the beginnings of right tokens, which are kept apart: other ones, however many,
-        do not take their place."""
+        """`right`: beginnings of right tokens, which are kept separately: wrong ones cannot
+        displace them."""
         self._right = right
         self._known = _Levels(burst, forgotten_s, most_beginnings)
         self._others = _Levels(burst, forgotten_s, most_beginnings)
@@ -58,16 +58,16 @@ class FailedTokens:
         return len(self._known) + len(self._others)
 
     def wait_s(self, address: str, token: str, now_s: float) -> float:
-        """How long until this address may try a token that begins so; 0: it may now."""
+        """Return the time until this address may try a token with its beginning; 0: now."""
         key = _key(address, token)
         return self._of(key).wait_s(key, now_s)
 
     def wrong_wait_s(self, address: str, now_s: float) -> float:
-        """How long until this address may try a wrong token; 0: it may now."""
+        """Return the time until this address may try a wrong token; 0: now."""
         return self._addresses.wait_s((_network(address), ""), now_s)
 
     def failed(self, address: str, token: str, now_s: float) -> None:
-        """This token from this address was wrong."""
+        """Record a wrong token of this address."""
         key = _key(address, token)
         counts = self.wrong_wait_s(address, now_s) == 0.0
         if counts or key[1] in self._right:
@@ -80,7 +80,7 @@ class FailedTokens:
 
 
 class _Levels:
-    """How many wrong tokens are counted of each key."""
+    """Counts of wrong tokens by key."""
 
     def __init__(self, burst: int, forgotten_s: float, most: int) -> None:
         self._burst, self._forgotten_s, self._most = burst, forgotten_s, most

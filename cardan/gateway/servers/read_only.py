@@ -1,4 +1,4 @@
-"""The network as a viewer has it: to read, not to command."""
+"""The network for a viewer: reading, no commands."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ READING_SERVICES = frozenset(
         "yarp_control_msgs/srv/GetTransformation",
     }
 )
-"""Types of services that change nothing. All others may command: the effect of a Trigger is
+"""Types of services that change nothing. All others may be commands: the effect of a Trigger is
 unknown."""
 
 
 class ReadingNetwork:
-    """A network on which nothing can be published, offered or commanded but that arms stop;
-    NetworkError says so."""
+    """A network without publishing, offering and commands, except stops of arms; refusals are
+    NetworkErrors."""
 
     def __init__(self, network: Network) -> None:
         self._network = network
@@ -69,7 +69,7 @@ class ReadingNetwork:
         self._network.call(service, type_name, request, answered, timeout_s)
 
     def _stops_arm(self, service: str, type_name: str) -> bool:
-        """Whether it is the stop of an arm: its node offers the arm's figures too."""
+        """Return whether it is the stop of an arm: its node offers the arm's figures too."""
         node, _, name = service.rpartition("/")
         if (name, type_name) != ("stop", "std_srvs/srv/Trigger"):
             return False
@@ -91,5 +91,5 @@ def _refusal(what: str) -> NetworkError:
 
 
 def network_for(role: Role, network: Network) -> Network:
-    """`network` as this role may use it."""
+    """Return `network` with the rights of this role."""
     return network if role >= Role.OPERATOR else ReadingNetwork(network)

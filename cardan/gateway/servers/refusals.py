@@ -1,5 +1,5 @@
-"""Reports to the clients of a server which of their commands an arm has refused, such as a stream
-while another source has the authority: a topic has no answer of its own."""
+"""Reports of refused commands to the clients of a server, such as of a stream while another source
+has the authority: a topic has no answer of its own."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 RESULT = "cardan_msgs/msg/CommandResult"
 
 LOOK_S = 0.5
-"""How often new arms are looked for: the graph is kept, so it costs nothing while nothing changes,
-and an arm's session takes longer to begin."""
+"""Period of checks for new arms: the graph is cached, so a check is cheap, and an arm's session
+takes longer to begin."""
 
 Refused = Callable[[str, str], None]
-"""A client's: the command, and why it was refused."""
+"""Called with a client's command, and why it was refused."""
 
 
 class Refusals:
-    """Hears the results of all arms on the network, while there are clients. For one loop."""
+    """Subscriber to the results of all arms on the network while there are clients. For one
+    loop."""
 
     def __init__(self, network: Network, mailbox: Mailbox) -> None:
         self._network, self._mailbox = network, mailbox
@@ -36,7 +37,7 @@ class Refusals:
         self._looking = asyncio.get_running_loop().create_task(self._look())
 
     def end(self) -> None:
-        """Hear nothing more."""
+        """Unsubscribe from all arms."""
         if self._looking is not None:
             self._looking.cancel()
         for handle in self._heard.values():
@@ -45,7 +46,7 @@ class Refusals:
 
     @contextlib.contextmanager
     def telling(self, node: str, callback: Refused) -> Iterator[None]:
-        """Have `callback` called with refusals of the client that is this node on the network."""
+        """Call `callback` for refusals of the client with this node on the network."""
         self._callbacks[node] = callback
         self._listen()
         try:
@@ -60,7 +61,7 @@ class Refusals:
                 self._listen()
 
     def _listen(self) -> None:
-        """Hear the arms that are there now, and no others."""
+        """Subscribe to the present arms only."""
         topics = self._network.topics()
         arms = [
             name
@@ -75,7 +76,7 @@ class Refusals:
                     self._heard[name] = self._network.subscribe(name, RESULT, self._hear)
 
     def _hear(self, cdr: bytes, _stamp_ns: int) -> None:
-        """In any thread."""
+        """Handle a result. In any thread."""
         result = codec_of(RESULT).decode(cdr)
         if isinstance(result, MalformedCdr) or result["outcome"] != "refused":
             return

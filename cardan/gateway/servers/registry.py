@@ -16,7 +16,7 @@ BUILT_IN = {
     "rosbridge": "cardan.gateway.servers.rosbridge:Rosbridge",
     "router": "cardan.gateway.servers.router:Router",
 }
-"""Our own servers. Other packages add theirs by an entry point of the same form."""
+"""Built-in servers. Other packages add theirs by an entry point of the same form."""
 
 
 FINDER: Finder[Server[Any]] = Finder(

@@ -1,4 +1,4 @@
-"""The services of rosapi: questions of rosbridge clients about graph, types and parameters."""
+"""The services of rosapi: queries of rosbridge clients about graph, types and parameters."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from cardan.protocols.ros2.parameters import ParameterKind
 from cardan.protocols.rosbridge import rosapi
 
 NODE = "/rosapi"
-"""The node that has these services, as rosbridge_suite calls it."""
+"""Node of these services, named as in rosbridge_suite."""
 
 ROSOUT, LOG = "/rosout", "rcl_interfaces/msg/Log"
-"""Always among the topics: Lichtblick takes a graph without this type for one of ROS 1."""
+"""Topic that is always listed: Lichtblick takes a graph without this type for one of ROS 1."""
 
 _SEND_GOAL = "/_action/send_goal"
 _SERVICE_NAMES = {
@@ -65,7 +65,7 @@ SERVICES = {f"{NODE}/{name}": f"rosapi/srv/{kind}" for name, kind in _SERVICE_NA
 
 
 class RosApi:
-    """Answers these services from the network, as far as it is allowed to be seen."""
+    """Answers these services from the visible part of the network."""
 
     def __init__(self, network: Network, caller: ServiceCaller, allowed: Allowed) -> None:
         self._network, self._allowed = network, allowed
@@ -73,10 +73,8 @@ class RosApi:
         self._parameters = NodeParameters(network, caller, allowed)
 
     async def answer(self, service: str, args: Any) -> Message:
-        """The response of the service, one of SERVICES. `args` as a client gave them.
-
-        Raises MessageError and InterfaceError.
-        """
+        """Return the response of the service, one of SERVICES. `args` as sent by the client. Raises
+        MessageError and InterfaceError."""
         kind = service_type(SERVICES[service])
         if isinstance(args, Mapping) and "default" in args:  # Its name before ROS 2.
             args = {
@@ -97,13 +95,13 @@ class RosApi:
     # -- graph -----------------------------------------------------------------------------------
 
     def visible_topics(self) -> dict[str, Topic]:
-        """The topics that clients may see, without those of actions, sorted."""
+        """Return the topics that clients may see, without those of actions, sorted."""
         found = self._graph.topics()
         found.setdefault(ROSOUT, Topic(LOG))
         return dict(sorted(found.items()))
 
     def visible_services(self) -> dict[str, ServiceInfo]:
-        """The services that clients may see, those of rosapi among them, sorted."""
+        """Return the services that clients may see, including those of rosapi, sorted."""
         found = self._graph.services()
         found.update({name: ServiceInfo(kind, (NODE,)) for name, kind in SERVICES.items()})
         return dict(sorted(found.items()))

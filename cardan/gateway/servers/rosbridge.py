@@ -1,4 +1,5 @@
-"""The rosbridge v2 server: web pages and programs without ROS on the network, over WebSocket.
+"""The rosbridge v2 server: connects web pages and programs without ROS to the network over
+WebSocket.
 
 `serve` runs it; docs/protocols/rosbridge.md has the protocol, and the limits of a client.
 """
@@ -51,12 +52,11 @@ class RosbridgeServer:
     def __init__(self, network: Network, options: RosbridgeOptions | None = None) -> None:
         self.options = options or RosbridgeOptions()
         self.counts: Counter[str] = Counter()
-        """"denied": connections that were not let in; "refused": operations; "unreadable":
-        messages of the network that are none of their topic's type; "superseded": publications
-        that newer ones took the place of; "too slow": clients that were closed for not reading;
-        "cut off": those whose frames waited while this process stood still; "stale": publications
-        that waited for too long to be passed on; "backlogged": clients that were disconnected as
-        they send more than can be handled."""
+        """Counts. "denied": refused connections; "refused": operations; "unreadable": messages of
+        the network that do not match their topic's type; "superseded": publications replaced by
+        newer ones; "too slow": clients closed for not reading; "cut off": clients whose frames
+        waited while this process was paused; "stale": publications that waited too long to be
+        passed on; "backlogged": clients disconnected because they send more than can be handled."""
         self._network = network
         self._allowed = self.options.allowed
         self._listener = self._make_listener()
@@ -65,8 +65,8 @@ class RosbridgeServer:
         self._mailbox: Mailbox | None = None
 
     def _make_listener(self, page: Page | None = None, private: str = "") -> WebSocketListener:
-        """Its front; `page`: answers GET, to everybody, but to clients alone where the path begins
-        with `private`."""
+        """Make the listener; `page` answers GET, for everybody, except paths that begin with
+        `private`, which are for clients only."""
         return WebSocketListener(
             self.options,
             self.counts,
@@ -80,12 +80,12 @@ class RosbridgeServer:
 
     @property
     def port(self) -> int:
-        """The port it listens at."""
+        """Port that it listens at."""
         return self._listener.port
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of connected clients."""
         return len(self._clients)
 
     async def __aenter__(self) -> RosbridgeServer:
@@ -142,7 +142,7 @@ class RosbridgeServer:
         _network: Network,
         _role: Role,
     ) -> None:
-        """Take a client's frames until it leaves; `network`: its own part."""
+        """Handle a client's frames until it leaves; `network`: its own part."""
         async for frame in connection:
             client.receive(frame)
 

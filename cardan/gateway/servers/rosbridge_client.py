@@ -71,13 +71,13 @@ from cardan.protocols.rosbridge.operations import (
 from cardan.protocols.rosbridge.session import RosbridgeSession
 
 MAX_OFFERED = 100
-"""Most services that a client offers."""
+"""Most services offered by a client."""
 
 MAX_CALLS = 100
-"""Most calls and goals of a client that have no answer yet."""
+"""Most unanswered calls and goals of a client."""
 
 MAX_ASKED = 100
-"""Most requests to a client's services that it has not answered."""
+"""Most unanswered requests to a client's services."""
 
 _GOAL_ID_BYTES = 16
 
@@ -102,7 +102,7 @@ class _Subscribed(NamedTuple):
 
 
 class _Offered(NamedTuple):
-    """A service that the client offers."""
+    """A service offered by the client."""
 
     type: str
     handle: Handle
@@ -118,21 +118,21 @@ class _Asked(NamedTuple):
 
 
 class _Goal:
-    """A goal of the client that has no result yet."""
+    """A goal of the client without a result yet."""
 
     def __init__(
         self, name: Id, action: str, goal_id: bytes, accepted: asyncio.Future[Message]
     ) -> None:
-        """`name`: the id that the client gave it; `goal_id`: the one that its server knows."""
+        """`name`: the client's id of it; `goal_id`: the server's."""
         self.name, self.action, self.goal_id = name, action, goal_id
         self.accepted = accepted
         """The server's response to it."""
         self.canceled = False
-        """Whether it is not wanted any more."""
+        """True once the client has canceled it."""
 
 
 class RosbridgeClient:
-    """A connected client, in a loop; leaving the ``async with`` takes all that it had from it."""
+    """A connected client, in a loop; leaving the ``async with`` releases all of its endpoints."""
 
     def __init__(
         self,
@@ -151,7 +151,7 @@ class RosbridgeClient:
         service_timeout_s: float,
     ) -> None:
         """`lasting` calls on the network that outlives `network`, the client's own part of it.
-        `max_bytes`: of an operation in fragments, and of answers that it does not read."""
+        `max_bytes`: limit of an operation in fragments, and of unread answers."""
         self.connection, self.peer = connection, peer
         self.sender: SendLoop[Delivery, EncodedMessage] = SendLoop(
             connection, peer, max_bytes, counts, self._encoded
@@ -189,7 +189,7 @@ class RosbridgeClient:
     # -- to the client ---------------------------------------------------------------------------
 
     def send(self, *frames: forms.Frame) -> None:
-        """Send a control frame: at once, or first of all that waits."""
+        """Send a control frame: at once, or before all waiting publications."""
         self.sender.send(*frames)
 
     def _encoded(self, stream: ClientStream, sample: EncodedMessage) -> tuple[forms.Frame, ...]:
@@ -197,7 +197,7 @@ class RosbridgeClient:
         return () if subscribed is None else subscribed.subscription.encoded(sample, stream)
 
     def _refuse(self, refused: RefusedOperation) -> None:
-        """Say why: in the answer where the operation has one, and as a status."""
+        """Report the reason: in the answer if the operation has one, and as a status."""
         self._counts["refused"] += 1
         level = logging.DEBUG if self._warned else logging.WARNING
         self._warned = True
@@ -213,7 +213,7 @@ class RosbridgeClient:
             self.send(status)
 
     def tell_refused(self, command: str, reason: str) -> None:
-        """Tell the client that an arm has refused its message."""
+        """Report to the client that an arm has refused its message."""
         if not self._gone:
             self._refuse(RefusedOperation(reason, "publish", None, command))
 
@@ -374,7 +374,7 @@ class RosbridgeClient:
     def _ask(
         self, service: str, advertised: AdvertiseService, data: bytes, answered: Answered
     ) -> None:
-        """Hand a request to the client."""
+        """Pass a request on to the client."""
         offered = self._offered.get(service)
         if offered is None:
             answered(Failure(f"{service} is offered no longer"))
@@ -430,7 +430,7 @@ class RosbridgeClient:
         return service
 
     def _check_fresh(self, name: str) -> None:
-        """Raise RefusedError if the client's present request waited for too long to act on."""
+        """Raise RefusedError if the client's present request waited too long to act on."""
         waited_s = self.connection.waited_s
         if is_stale(name, waited_s):
             self._counts["stale"] += 1
@@ -516,7 +516,7 @@ class RosbridgeClient:
     def _hear_feedback(
         self, asked: SendActionGoal, type_name: str, goal_id: bytes, cdr: bytes, _stamp_ns: int
     ) -> None:
-        """In any thread."""
+        """Handle feedback. In any thread."""
         name, message = decoded(type_name, cdr)
         if not isinstance(message, MalformedCdr) and message["goal_id"]["uuid"] == goal_id:
             inner = name.removesuffix("Message")
@@ -536,13 +536,13 @@ class RosbridgeClient:
 
     def _answered_goal(self, goal: _Goal) -> None:
         """Cancel an answered goal that was canceled before its server knew it, and a goal whose
-        answer did not come in time, which no client follows."""
+        answer was too late, which no client follows."""
         unknown = goal.accepted.exception() is not None
         if unknown or (goal.canceled and goal.accepted.result()["accepted"]):
             self._cancel(goal)
 
     def _answered_cancel(self, goal: _Goal, answer: asyncio.Future[Message]) -> None:
-        """Report whether the goal goes on; otherwise its result reports its outcome."""
+        """Report that the goal goes on; otherwise its result reports its outcome."""
         error = answer.exception()
         if error is not None:
             self._not_canceled(goal, str(error))
@@ -556,9 +556,9 @@ class RosbridgeClient:
             self._refuse(RefusedOperation(reason, "cancel_action_goal", goal.name, goal.action))
 
     def _cancel(self, goal: _Goal) -> None:
-        """Ask the action's server to cancel, at once and, where it has not accepted the goal yet,
-        again when it has: until then most servers do not know it. The goal's result tells whether
-        it did."""
+        """Request a cancellation from the action's server at once and, if it has not accepted the
+        goal yet, again when it has: until then most servers do not know it. The goal's result shows
+        the outcome."""
         goal.canceled = True
         request = {"goal_info": {"goal_id": {"uuid": goal.goal_id}}}
         service = f"{goal.action}/_action/cancel_goal"
@@ -573,7 +573,7 @@ class RosbridgeClient:
     # -- the end ---------------------------------------------------------------------------------
 
     def _leave(self) -> None:
-        """Take from the network all that the client had there; goals under way are canceled."""
+        """Remove all endpoints of the client; goals under way are canceled."""
         if self._gone:
             return
         self._gone = True
@@ -591,14 +591,14 @@ class RosbridgeClient:
 
 
 def _whole(delivery: Delivery, latched: bool) -> Delivery:
-    """How a topic's messages reach a client; of one that is latched, all of them."""
+    """Return the delivery of a topic's messages to a client; of a latched topic, all of them."""
     depth = max(delivery.queue_length, LATCHED_DEPTH) if latched else delivery.queue_length
     return delivery._replace(queue_length=depth)
 
 
 def _by_name(type_name: str, args: Any) -> Any:
-    """A message's fields by name, from a client's object, list in their order, or nothing. Raises
-    MessageError."""
+    """Return a message's fields by name, from a client's object, list in their order, or nothing.
+    Raises MessageError."""
     if args is None:
         return {}
     if not isinstance(args, list):
@@ -624,4 +624,4 @@ _HANDLERS: Mapping[type, tuple[str, Callable[[RosbridgeClient, Any], None], str]
     SendActionGoal: ("send_action_goal", RosbridgeClient._send_goal, "action"),
     CancelActionGoal: ("cancel_action_goal", RosbridgeClient._cancel_goal, "action"),
 }
-"""Name, handler and the field that names the subject, of each operation."""
+"""Name, handler and subject field of each operation."""

@@ -1,5 +1,5 @@
-"""Topics of the network on their way to the clients of a rosbridge server: each message is encoded
-once for all clients that want it in the same form."""
+"""Subscriptions of the clients of a rosbridge server: each message is encoded once for all clients
+that want it in the same form."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cardan.protocols.rosbridge.delivery import Delivery
 from cardan.protocols.rosbridge.forms import EncodedMessage, UnreadableError
 
 DEPTH = 100
-"""Messages of a topic that wait for this process to have time; of more, the oldest are lost."""
+"""Most messages of a topic that wait for this process; beyond, the oldest are lost."""
 
 _log = logging.getLogger(__name__)
 
@@ -27,7 +27,7 @@ Receiver = SendLoop[Delivery, EncodedMessage]
 
 
 class RosbridgeSubscription(TopicSubscription[ClientStream, Receiver]):
-    """A topic on its way to clients of rosbridge, each message encoded once for all of them."""
+    """A topic for clients of rosbridge, each message encoded once for all of them."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class RosbridgeSubscription(TopicSubscription[ClientStream, Receiver]):
         self._woken = False
         self._unreadable = False
         self._late = 0
-        """Messages that newer ones took the place of before there was time for them."""
+        """Count of messages that newer ones replaced before their turn."""
 
     def close(self) -> None:
         """Leave the network."""
@@ -52,7 +52,7 @@ class RosbridgeSubscription(TopicSubscription[ClientStream, Receiver]):
         self._late = 0
 
     def encoded(self, sample: EncodedMessage, stream: ClientStream) -> tuple[str | bytes, ...]:
-        """The frames of a message for a stream; none, and counted, where it is no message."""
+        """Return the frames of a message for a stream; none, and counted, if it is malformed."""
         delivery = stream.delivery
         try:
             return sample.frames(stream.topic, delivery.compression, delivery.fragment_size)
@@ -64,7 +64,7 @@ class RosbridgeSubscription(TopicSubscription[ClientStream, Receiver]):
             return ()
 
     def _hear(self, cdr: bytes, stamp_ns: int) -> None:
-        """In any thread."""
+        """Handle a message. In any thread."""
         self._late += len(self._heard) == DEPTH
         self._heard.append(EncodedMessage(self.type, cdr, stamp_ns))
         if not self._woken:
@@ -99,7 +99,7 @@ RosbridgeSubscriptions = SharedSubscriptions[RosbridgeSubscription]
 def shared_subscriptions(
     network: Network, mailbox: Mailbox, counts: Counter[str]
 ) -> RosbridgeSubscriptions:
-    """The subscriptions of a server."""
+    """Return the subscriptions of a server."""
     return SharedSubscriptions(
         lambda topic, type_name: RosbridgeSubscription(network, mailbox, counts, topic, type_name)
     )

@@ -1,4 +1,4 @@
-"""Zenoh's router: where sessions, servers and ROS 2 nodes over rmw_zenoh find each other."""
+"""Zenoh's router, by which sessions, servers and ROS 2 nodes over rmw_zenoh find each other."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from cardan.errors import AddressError, OptionError
 from cardan.gateway.servers.base import Ready, Server
 
 LOOK_S = 0.1
-"""How often it looks whether it is to end."""
+"""Period of checks for its end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RouterOptions(Options):
-    """Where the router is."""
+    """Endpoints and configuration of the router."""
 
     endpoint: tuple[str, ...] = (ROUTER,)
-    """Endpoints for others. Each client that reaches it can move the arms on the bus: the default
-    is this computer alone; tcp/0.0.0.0:7447 is every network that it has."""
+    """Endpoints for others. Each client in reach can move the arms on the bus: the default is this
+    computer alone; tcp/0.0.0.0:7447 is every network of it."""
     connect: tuple[str, ...] = ()
     """Routers of other computers to join with."""
     zenoh_config: Annotated[str, FILE] = ""
     """Zenoh configuration file (JSON5), used as it is instead of `endpoint` and `connect`: for TLS,
     passwords and access control."""
     attached: bool = False
-    """End with the standard input, as with the program at its other end."""
+    """End with the standard input, together with the program at its other end."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -74,6 +74,6 @@ class Router(Server[RouterOptions]):
 
 
 def _at_its_end(descriptor: int) -> bool:
-    """True if nothing comes any more; data is read, and has no meaning."""
+    """Return whether the end was reached; data is read, and has no meaning."""
     readable, _, _ = select.select((descriptor,), (), (), 0.0)
     return bool(readable) and not os.read(descriptor, 4096)

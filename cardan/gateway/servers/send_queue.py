@@ -1,6 +1,6 @@
 """Send queue of one client of a server: control first, the newest sample of a topic wins.
 
-Nothing here sends: `SendQueue.take` returns due frames. Time is monotonic, in seconds.
+No I/O: `SendQueue.take` returns due frames. Time is monotonic, in seconds.
 """
 
 from __future__ import annotations
@@ -10,26 +10,26 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 MAX_CONTROL_FRAMES = 10_000
-"""Most frames that are no publications and wait for a client to read."""
+"""Most waiting frames of a client that are no publications."""
 
 LATCHED_DEPTH = 100
-"""Messages of a latched topic that wait for a client: each of its publishers has its own last one,
-and all of them count."""
+"""Most waiting messages of a latched topic for a client: each publisher has its own last one, and
+all of them count."""
 
 Frame = str | bytes
 """A WebSocket message: text or binary."""
 
 
 class Pace(Protocol):
-    """How a topic's messages reach a client."""
+    """Pace of a topic's messages for a client."""
 
     @property
     def throttle_s(self) -> float:
-        """Shortest time between two messages; 0: any."""
+        """Shortest time between two messages; 0: no limit."""
 
     @property
     def queue_length(self) -> int:
-        """How many wait while the client is not ready; 0: the newest alone."""
+        """Most messages that wait while the client is not ready; 0: only the newest."""
 
 
 PaceT = TypeVar("PaceT", bound=Pace)
@@ -37,14 +37,14 @@ SampleT = TypeVar("SampleT")
 
 
 class TopicQueue(Generic[PaceT, SampleT]):
-    """A topic on its way to a client."""
+    """Queue of a topic for a client."""
 
     def __init__(self, topic: str, delivery: PaceT) -> None:
         self.topic = topic
         """Name that the client uses."""
         self.delivery = delivery
         self.next_s = float("-inf")
-        """When the next message may go out."""
+        """Earliest time of the next message."""
         self.waiting: deque[SampleT] = deque()
 
 
@@ -62,22 +62,22 @@ class SendQueue(Generic[PaceT, SampleT]):
 
     def __init__(self, max_control_bytes: int) -> None:
         self.overflowed = False
-        """There were too many control frames: the client does not read."""
+        """True if there were too many control frames: the client does not read."""
         self.superseded = 0
-        """Publications that newer ones took the place of."""
+        """Count of publications replaced by newer ones."""
         self._max_control_bytes = max_control_bytes
         self._control: deque[Frame] = deque()
         self._control_bytes = 0
         self._ready: deque[TopicQueue[PaceT, SampleT]] = deque()
-        """Streams with something that waits, in the order of their turns."""
+        """Streams with waiting messages, in the order of their turns."""
 
     @property
     def has_control(self) -> bool:
-        """Whether frames that are no publications wait."""
+        """True if frames that are no publications wait."""
         return bool(self._control)
 
     def add_control(self, frame: Frame) -> None:
-        """A frame that is no publication."""
+        """Add a frame that is no publication."""
         self._control.append(frame)
         self._control_bytes += len(frame)
         if self._control_bytes > self._max_control_bytes or len(self._control) > MAX_CONTROL_FRAMES:
@@ -86,7 +86,8 @@ class SendQueue(Generic[PaceT, SampleT]):
     def offer(
         self, stream: TopicQueue[PaceT, SampleT], sample: SampleT, now_s: float, free: bool
     ) -> bool:
-        """A publication: true where it is to be sent at once. `free`: the way to the client is."""
+        """Offer a publication; return whether it is to be sent at once. `free`: the connection to
+        the client is."""
         throttle_s, queue_length = stream.delivery.throttle_s, stream.delivery.queue_length
         due = now_s >= stream.next_s
         if due and free and not stream.waiting and not self._control:
@@ -121,13 +122,13 @@ class SendQueue(Generic[PaceT, SampleT]):
         return None
 
     def due_s(self) -> float | None:
-        """When `take` has something; None: not before something new comes."""
+        """Earliest time at which `take` has a frame; None: not before a new one arrives."""
         if self._control:
             return float("-inf")
         return min((stream.next_s for stream in self._ready), default=None)
 
     def forget(self, stream: TopicQueue[PaceT, SampleT]) -> None:
-        """The client does not want the stream any more."""
+        """Remove a stream that the client unsubscribed."""
         if stream.waiting:
             stream.waiting.clear()
             self._ready.remove(stream)

@@ -10,13 +10,13 @@ import os
 from collections.abc import Mapping
 
 TELLS_VARIABLE = "CARDAN_SERVER_TELLS"
-"""The environment variable by which the daemon says that it reads them."""
+"""The environment variable by which the daemon requests statistics."""
 
 PERIOD_S = 1.0
 """Period of printing figures that have changed."""
 
 ROUND_TRIP = "round_trip_us"
-"""The figure that says in which time the slowest client answered its newest ping."""
+"""Figure with the slowest client's newest round trip of a ping."""
 
 MOST_FIGURES = 64
 """Largest number of figures of a server; others are left out."""
@@ -30,13 +30,13 @@ def is_wanted() -> bool:
 
 
 def tell(figures: Mapping[str, int]) -> None:
-    """Print figures by name: "clients" is how many are connected, "round_trip_us" how long the
-    slowest of them takes; all others only grow."""
+    """Print figures by name: "clients" is the number of connected clients, "round_trip_us" the
+    round trip of the slowest; all others only grow."""
     print(_WORD + json.dumps(figures), flush=True)
 
 
 def figures_of(line: str) -> dict[str, int] | None:
-    """The figures of a line; None: it is another one."""
+    """Return the figures of a line; None: it is another line."""
     if not line.startswith(_WORD):
         return None
     try:

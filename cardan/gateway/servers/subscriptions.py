@@ -1,5 +1,4 @@
-"""Topics of the network on their way to the clients of a server: each is subscribed to once for
-all."""
+"""Subscriptions of a server's clients: each topic is subscribed to once for all."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ ReceiverT = TypeVar("ReceiverT")
 
 
 class TopicSubscription(ABC, Generic[KeyT, ReceiverT]):
-    """A topic that clients subscribed to, once on the network for all of them."""
+    """A topic with subscribed clients, subscribed to once on the network."""
 
     def __init__(self, network: Network, topic: str, type_name: str | None) -> None:
         """Raises NetworkError."""
@@ -34,27 +33,25 @@ class TopicSubscription(ABC, Generic[KeyT, ReceiverT]):
 
     @abstractmethod
     def _hear(self, cdr: bytes, stamp_ns: int) -> None:
-        """A message has come; in any thread."""
+        """Handle a message; in any thread."""
 
 
 SubscriptionT = TypeVar("SubscriptionT", bound=TopicSubscription[Any, Any])
 
 
 class SharedSubscriptions(Generic[SubscriptionT]):
-    """All topics that clients subscribed to."""
+    """All topics with subscribed clients."""
 
     def __init__(self, make: Callable[[str, str | None], SubscriptionT]) -> None:
-        """`make(topic, type)`: a subscription that is not open."""
+        """`make(topic, type)` makes a subscription that is not open."""
         self._make = make
         self._shared: dict[tuple[str, str | None], SubscriptionT] = {}
 
     def join(
         self, topic: str, type_name: str | None, latched: bool, key: object, receiver: object
     ) -> SubscriptionT:
-        """Have a topic's messages sent to a client. Raises NetworkError.
-
-        A `latched` topic is subscribed to anew, because the network begins with its last messages.
-        """
+        """Send a topic's messages to a client. Raises NetworkError. A `latched` topic is subscribed
+        to again, because the network begins with its last messages."""
         subscription = None if latched else self._shared.get((topic, type_name))
         if subscription is not None:
             subscription.receivers[key] = receiver
@@ -67,7 +64,7 @@ class SharedSubscriptions(Generic[SubscriptionT]):
         return subscription
 
     def leave(self, subscription: SubscriptionT, key: object) -> None:
-        """The client does not want it any more; twice is fine."""
+        """Unsubscribe a client; twice is fine."""
         subscription.receivers.pop(key, None)
         if not subscription.receivers:
             subscription.close()

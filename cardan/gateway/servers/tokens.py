@@ -14,10 +14,10 @@ from cardan.common.files import read_text, state_folder
 from cardan.errors import ConfigurationError, OptionError
 
 MIN_TOKEN_CHARACTERS = 16
-"""Shorter tokens could be guessed over a network."""
+"""Length of the shortest token: shorter ones could be guessed over a network."""
 
 TOKEN_BYTES = 16
-"""Length of a token that is made here: 128 bits, which cannot be guessed."""
+"""Length of a generated token: 128 bits, which cannot be guessed."""
 
 FILE_BYTES = 4096
 """Longest file of tokens."""
@@ -33,7 +33,7 @@ class Role(enum.IntEnum):
     OPERATOR = 2
     """Command: publish, call and offer services, set parameters."""
     ADMIN = 3
-    """Everything, operations on the server itself among it."""
+    """Everything, including operations on the server itself."""
 
     @property
     def word(self) -> str:
@@ -42,33 +42,33 @@ class Role(enum.IntEnum):
 
 
 WITHOUT_TOKEN = Role.OPERATOR
-"""Role of clients where no token is needed, and of tokens without a role."""
+"""Role of clients if no token is needed, and of tokens without a role."""
 
 
 class Tokens:
-    """The tokens that one server knows; of their secrets nothing is ever logged."""
+    """The tokens that one server knows; never logged."""
 
     def __init__(self, roles: Mapping[str, Role]) -> None:
-        """Empty: clients need none."""
+        """An empty mapping: clients need no token."""
         self._roles = {token.encode(): role for token, role in roles.items()}
 
     def __bool__(self) -> bool:
         return bool(self._roles)
 
     def for_starter(self) -> str:
-        """The token for the user who has started the server, an operator's if there is one; empty:
-        none is needed. To be shown to that user alone."""
+        """Token for the user who has started the server, an operator's if there is one; empty: none
+        is needed. Must be shown to that user only."""
         found = {role: token.decode() for token, role in reversed(self._roles.items())}
         order = (Role.OPERATOR, Role.ADMIN, Role.VIEWER)
         return next((found[role] for role in order if role in found), "")
 
     def beginnings(self, characters: int) -> set[str]:
-        """The first `characters` of each."""
+        """Return the first `characters` of each token."""
         return {token.decode()[:characters] for token in self._roles}
 
     def role(self, given: Iterable[str]) -> Role | None:
-        """The role of the first that is known; None: none of them is. It takes as long for a token
-        that is nearly right as for any other."""
+        """Return the role of the first known token; None: all are unknown. The time does not depend
+        on how much of a token is right."""
         from hmac import compare_digest
 
         found: Role | None = None
@@ -81,7 +81,7 @@ class Tokens:
 
 
 def parse_tokens(text: str, key: str) -> dict[str, Role]:
-    """Tokens of a text: one a line, after its role; without a role it is an operator's. Lines that
+    """Parse tokens: one per line, after its role; without a role it is an operator's. Lines that
     begin with ``#`` are comments. Raises OptionError of `key`, which shows none of them."""
     roles = {role.word: role for role in Role}
     found: dict[str, Role] = {}
@@ -104,7 +104,7 @@ def parse_tokens(text: str, key: str) -> dict[str, Role]:
 
 
 def check_token(token: str, key: str) -> None:
-    """Raise OptionError of `key` unless it can be a token."""
+    """Raise OptionError of `key` for an invalid token."""
     if len(token) < MIN_TOKEN_CHARACTERS:
         raise OptionError(key, "...", f"at least {MIN_TOKEN_CHARACTERS} characters")
     if any(each.isspace() or not each.isprintable() for each in token):
@@ -112,7 +112,7 @@ def check_token(token: str, key: str) -> None:
 
 
 def read_tokens(path: str | Path) -> dict[str, Role]:
-    """The tokens of a file, which only its owner may read. Raises ConfigurationError."""
+    """Read the tokens of a file, which only its owner may read. Raises ConfigurationError."""
     try:
         text = read_text(path, FILE_BYTES)
         mode = stat.S_IMODE(os.stat(path).st_mode)
@@ -132,15 +132,13 @@ def read_tokens(path: str | Path) -> dict[str, Role]:
 
 
 def own_token_file() -> Path:
-    """File of the tokens that are made where none were given."""
+    """Return the file of the tokens that are generated if none were given."""
     return state_folder() / "server-tokens"
 
 
 def made_tokens() -> dict[str, Role]:
-    """The tokens of `own_token_file`, which is made at the first time, one for each role.
-
-    Raises ConfigurationError.
-    """
+    """Return the tokens of `own_token_file`, which is made the first time, one for each role.
+    Raises ConfigurationError."""
     path = own_token_file()
     if not path.exists():
         with contextlib.suppress(OSError):  # Its name before 0.2.0: clients have these tokens.

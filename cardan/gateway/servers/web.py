@@ -1,5 +1,5 @@
-"""The web server of a network server: access by address, name and token, or by TLS.
-The options are the same for every such server."""
+"""Web server of a network server: access by address, name and token, and TLS. The options are the
+same for every such server."""
 
 from __future__ import annotations
 
@@ -49,25 +49,25 @@ from cardan.gateway.servers.tokens import (
 from cardan.types import NEVER_S
 
 TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
-"""The environment variable that has the token where no option has it."""
+"""The environment variable for the token if no option has it."""
 FORMER_TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
 
 SEND_BUFFER_BYTES = 128 * 1024
-"""System's buffer for a client that does not read: a larger one only makes its data older."""
+"""System's buffer for a client that does not read: a larger one would only make its data older."""
 
 FRAMES_AHEAD = 4
-"""Frames of a client that are read before their turn."""
+"""Most frames of a client that are read before their turn."""
 
 PING_INTERVAL_S = 5.0
 PING_TIMEOUT_S = 10.0
-"""A client that does not answer a ping so long is gone, or reads so slowly that it is of no use.
-If its cable was pulled, its open-ended requests go on until then."""
+"""Time without an answer to a ping after which a client counts as gone, or too slow. If its cable
+was pulled, its open-ended requests go on until then."""
 
 CLOSE_TIMEOUT_S = 1.0
-"""Longest wait for a client's part of the farewell."""
+"""Longest wait for a client's closing handshake."""
 
 LOOK_S = 0.1
-"""How often a server looks whether it is to end."""
+"""Period of checks for a server's end."""
 HANDSHAKE_S = 5.0
 """Longest time for a client's handshake, and before that for TLS."""
 
@@ -81,14 +81,15 @@ ARRIVALS_PERIOD_S = 0.01
 client may be backlogged."""
 
 MOST_HANDSHAKES = 64
-"""Connections without a complete handshake; one more takes the place of the oldest, so that
-quick clients connect even while silent connections are opened."""
+"""Most connections without a complete handshake; a further one replaces the oldest, so that clients
+can connect while silent connections are opened."""
 
 SOCKET_PATH = "/ws"
-"""Path of a server that has pages: where clients connect."""
+"""Path of the WebSocket on a server that has pages."""
 
 MOST_DENIALS_SHOWN = 10
-"""Later ones are logged for debugging only, so that no client can fill a disk."""
+"""Most denials logged as warnings; later ones are debug messages, so that no client can fill a
+disk."""
 
 _CLIENTS = Range(1, 1000, "", "each costs a connection")
 _FRAME_BYTES = Range(1000, 100_000_000, "bytes", "a frame is read before it is refused")
@@ -96,13 +97,13 @@ _SERVICE_S = Range(0.0, 86_400.0, "s", "a call that takes a day is an action", a
 
 _log = logging.getLogger(__name__)
 _library_log = logging.getLogger(f"{__name__}.websockets")
-"""Logger of the library, which would log request lines, tokens among them."""
+"""Logger of the library, which would log request lines with tokens."""
 _library_log.setLevel(logging.CRITICAL)
 
 
 def refuse_former_variable() -> None:
-    """Raise ConfigurationError where a token has the environment variable's former name: ignored,
-    it would leave the server open."""
+    """Raise ConfigurationError if the token's environment variable has its former name: ignored, it
+    would leave the server open."""
     if os.environ.get(FORMER_TOKEN_VARIABLE, "").strip():
         raise ConfigurationError(
             FORMER_TOKEN_VARIABLE,
@@ -111,17 +112,17 @@ def refuse_former_variable() -> None:
 
 
 Page = Callable[[str, Headers], Awaitable["Answer | None"]]
-"""`page(path, headers)`: a page's content; None: there is none of this path."""
+"""Returns a page's content for path and headers; None: there is no such path."""
 
 
 class Answer(NamedTuple):
-    """A page."""
+    """Answer of a page."""
 
     content_type: str
     body: bytes
     status: HTTPStatus = HTTPStatus.OK
     headers: tuple[tuple[str, str], ...] = ()
-    """Further ones."""
+    """Further headers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,34 +130,34 @@ class ListenerOptions(Options):
     """Address and access control of a server."""
 
     makes_certificate: ClassVar[bool] = False
-    """Whether the server makes a certificate of its own where it needs one."""
+    """True if the server makes a certificate of its own when it needs one."""
 
     host: Annotated[str, LISTEN_HOST] = "127.0.0.1"
-    """Address to listen at; one of another machine's reach needs a certificate and a token."""
+    """Address to listen at; an address that others reach needs a certificate and a token."""
     port: Annotated[int, ANY_PORT] = 0
-    """TCP port to listen at; 0: any that is free."""
+    """TCP port to listen at; 0: any free port."""
     token: str = field(default="", repr=False, metadata=CODE_ONLY)
     """Token in the clients' address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
-    those of `token_file` or of the environment. No option of a command: all users see a command
-    line."""
+    those of `token_file` or of the environment. Not an option of a command, because all users see
+    command lines."""
     token_file: Annotated[str, PATH] = ""
     """File with the tokens that clients have in the address, ws://HOST:PORT/?t=TOKEN or /TOKEN, or
-    in a header; one a line, after its role: viewer, operator or admin (without: operator). Only its
-    owner may read it. Without it the environment's CARDAN_SERVER_TOKEN; without both, none is
-    needed on this computer, and for others some are made."""
+    in a header; one per line, after its role: viewer, operator or admin (without: operator). Only
+    its owner may read it. Without it the environment's CARDAN_SERVER_TOKEN; without both, none is
+    needed on this computer, and for others some are generated."""
     certificate: Annotated[str, PATH] = ""
     """File with the certificate chain (PEM), for wss; empty: ws."""
     key: Annotated[str, PATH] = ""
     """File with the certificate's private key (PEM)."""
     plaintext: bool = False
-    """Serve other computers without a certificate, where the network between is protected by
-    something else (a VPN): a listener there has the token."""
+    """Serve other computers without a certificate, if the network is protected otherwise (a VPN):
+    an eavesdropper gets the token."""
     hosts: tuple[str, ...] = ()
-    """Names of this machine that clients may use, besides its host name and its addresses."""
+    """Names of this machine that clients may use, beside its host name and its addresses."""
     origins: tuple[str, ...] = ()
     """Pages of other machines that may connect, as browsers name them: "https://app.example"."""
     max_clients: Annotated[int, _CLIENTS] = 64
-    """Most connections of clients at a time; further ones are refused with HTTP status 503."""
+    """Most connected clients; further ones are refused with HTTP status 503."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -180,7 +181,7 @@ class ListenerOptions(Options):
 
     @property
     def encrypted(self) -> bool:
-        """Whether it is served by TLS."""
+        """True if it is served by TLS."""
         makes = self.makes_certificate and not self.plaintext and not is_loopback(self.host)
         return bool(self.certificate) or makes
 
@@ -191,16 +192,15 @@ class ListenerOptions(Options):
         return f"{scheme}://{host}:{port}"
 
     def tokens(self) -> Tokens:
-        """The tokens: those given, or, where others reach the address, those that are made; empty:
-        none is needed.
-
-        Raises ConfigurationError where one is too short, or where others can read their file.
-        """
+        """Return the tokens: those given, or, if others reach the address, generated ones; empty:
+        none is needed. Raises ConfigurationError if one is too short, or if others can read their
+        file."""
         given = self.given_tokens()
         return given if given or is_loopback(self.host) else Tokens(made_tokens())
 
     def given_tokens(self) -> Tokens:
-        """The option's, the file's, or the environment's. Raises ConfigurationError."""
+        """Return the tokens of the option, the file, or the environment. Raises
+        ConfigurationError."""
         refuse_former_variable()
         given = os.environ.get(TOKEN_VARIABLE, "").strip()
         if self.token:
@@ -225,11 +225,11 @@ class WebOptions(ListenerOptions):
     parameters: tuple[str, ...] = ("*",)
     """Patterns of the parameters that clients may use, as "/node:parameter"."""
     max_frame_bytes: Annotated[int, _FRAME_BYTES] = 10_000_000
-    """Largest frame of a client; and most that waits for it and must not be dropped."""
+    """Largest frame of a client, and most bytes that wait for it and must not be dropped."""
     service_timeout_s: Annotated[float, _SERVICE_S] = 30.0
-    """Longest time for a service's answer, where a client does not say another."""
+    """Longest time for a service's answer, unless a client gives another."""
     compress: bool = False
-    """Offer permessage-deflate: less on the network, more work for the processor."""
+    """Offer permessage-deflate: less network traffic, more processor load."""
 
     @property
     def allowed(self) -> Allowed:
@@ -238,24 +238,23 @@ class WebOptions(ListenerOptions):
 
 
 class Arrivals:
-    """When the bytes of one client can have arrived at the earliest. All times are the loop's."""
+    """Earliest possible arrival times of one client's bytes. All times are the loop's."""
 
     def __init__(self, now_s: float) -> None:
         self._read = self._before = 0
-        """Bytes that were read, and those without the newest portion."""
+        """Count of bytes read, and of those without the newest portion."""
         self._seen: deque[tuple[float, int]] = deque([(now_s, 0)])
-        """When it was looked how many bytes had arrived, and how many."""
+        """Samples of time and number of bytes that had arrived."""
         self._frames: deque[int] = deque()
-        """Of frames that were not handed on yet, how many bytes had been read before the portion
-        that has their end."""
+        """For each frame not handed on yet, the bytes read before the portion with its end."""
 
     def read(self, count: int) -> None:
-        """A portion was read."""
+        """Record a read portion."""
         self._before = self._read
         self._read += count
 
     def record(self, waiting: int, now_s: float) -> None:
-        """`waiting` bytes are there to be read, and nothing has to wait at the sender."""
+        """Record that `waiting` bytes can be read, and that none have to wait at the sender."""
         arrived = self._read + waiting
         newest_s, before = self._seen[-1]
         if now_s - newest_s < ARRIVALS_PERIOD_S:
@@ -265,11 +264,11 @@ class Arrivals:
         self._seen.append((now_s, max(arrived, before)))
 
     def end_frame(self) -> None:
-        """The newest portion has the end of a frame."""
+        """Record that the newest portion has the end of a frame."""
         self._frames.append(self._before)
 
     def take_frame(self) -> float:
-        """The next frame is handed on; since when its end can have been there at the earliest."""
+        """Take the next frame; return the earliest time at which its end can have arrived."""
         before = self._frames.popleft()
         while len(self._seen) > 1 and self._seen[1][1] <= before:
             self._seen.popleft()
@@ -277,14 +276,14 @@ class Arrivals:
 
 
 APART_NS = 1000
-"""Between frames that may have arrived at the same time: as seconds, too, they have to differ."""
+"""Least difference of the stamps of frames that may have arrived at the same time."""
 
 CLOCK_SET_BACK_NS = 10**9
-"""A stamp that is earlier by more is of a clock that was set back."""
+"""Difference by which a stamp must be earlier for the clock to count as set back."""
 
 
 class ListenerConnection(ServerConnection):
-    """A client's connection: it measures how long its frames waited, is ended if they wait for too
+    """A client's connection: it measures the waiting time of its frames, is ended if they wait too
     long, and is not read any more once it is cut off."""
 
     _cut_off = False
@@ -292,8 +291,8 @@ class ListenerConnection(ServerConnection):
     _socket: socket.socket | None = None
     _since_s = NEVER_S
     since_ns = 0
-    """When the end of the frame handed on last can have arrived at the earliest, ns since the
-    epoch; of two that came between the same looks the later one has the later time."""
+    """Earliest time at which the end of the last frame can have arrived, ns since the epoch; of two
+    frames between the same checks the later one has the later time."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
@@ -301,16 +300,15 @@ class ListenerConnection(ServerConnection):
         self._backlog = Backlog()
 
     def watch(self, look: Callable[[], None], backlogged: Callable[[], None]) -> None:
-        """Have `look` called before each frame is handed on, and `backlogged` when it is ended as
-        too much waits."""
+        """Call `look` before each frame is handed on, and `backlogged` when the connection is ended
+        because too much waits."""
         self._look, self._tell_backlogged = look, backlogged
         self._socket = self.transport.get_extra_info("socket")
         self._since_s = self.loop.time()
 
     @property
     def waited_s(self) -> float:
-        """Longest time that the end of the frame handed on last can have waited to be read: since
-        it had not arrived yet."""
+        """Longest time that the end of the last frame can have waited to be read."""
         return self.loop.time() - self._since_s
 
     def data_received(self, data: bytes) -> None:
@@ -324,13 +322,13 @@ class ListenerConnection(ServerConnection):
         super().process_event(event)
 
     def note_backlog(self) -> None:
-        """Note the bytes that have arrived until now, read or not."""
+        """Record the bytes that have arrived until now, read or not."""
         now_s = self.loop.time()  # Before it looks: this process may stand still in between.
         if self._socket is not None and has_room(self._socket):
             self.arrivals.record(waiting_bytes(self._socket), now_s)
 
     def cut_off(self) -> None:
-        """End it at once, with all that has arrived and was not read."""
+        """End it at once, with all unread data."""
         self._cut_off = True
         self.transport.abort()
 
@@ -356,17 +354,17 @@ class ListenerConnection(ServerConnection):
 
 
 class WebServer(AbstractAsyncContextManager[Any], Protocol):
-    """A server that listens while it is entered."""
+    """A server that listens inside its ``async with``."""
 
     @property
     def port(self) -> int:
-        """The port it listens at."""
+        """Port that it listens at."""
 
 
 def serve_until(
     server: WebServer, ready: Callable[[int], None], stop: threading.Event | None
 ) -> None:
-    """Serve in a loop of its own until `stop` is set (None: for ever); `ready` is called with the
+    """Serve in a separate loop until `stop` is set (None: for ever); `ready` is called with the
     port. Raises the errors of entering the server."""
     ended = threading.Event() if stop is None else stop
 
@@ -396,13 +394,13 @@ class WebSocketListener:
         compress: bool = False,
     ) -> None:
         """`run(connection, peer, role)`: serve a client until it leaves. `subprotocols`: those of
-        which a client must ask for one; none: it need not. `page`: answers GET; clients of a server
-        that has pages, too, are at SOCKET_PATH, and no path is a token. `public`: pages are for
-        everybody, as nothing secret is in them, but for those whose path begins with `private`
-        (empty: none does). Raises ConfigurationError."""
+        which a client must request one; none: it need not. `page`: answers GET; clients of a server
+        with pages connect at SOCKET_PATH, and no path is a token. `public`: pages are for
+        everybody, since they have no secrets, except those whose path begins with `private` (empty:
+        none does). Raises ConfigurationError."""
         self.options, self.counts = options, counts
         self.clients = 0
-        """How many are connected."""
+        """Number of connected clients."""
         self._run, self._page, self._public, self._private = run, page, public, private
         self._max_frame_bytes, self._compress = max_frame_bytes, compress
         self._subprotocols = [Subprotocol(each) for each in subprotocols]
@@ -413,13 +411,13 @@ class WebSocketListener:
         self._watching: asyncio.Task[None] | None = None
         self._telling: asyncio.Task[None] | None = None
         self._roles: dict[ServerConnection, Role] = {}
-        """Roles of connections that were let in and have not begun."""
+        """Roles of accepted connections that have not begun."""
         self._unknown: dict[ServerConnection, None] = {}
-        """Connections that have not come in, the oldest first."""
+        """Connections without a complete handshake, the oldest first."""
 
     @property
     def port(self) -> int:
-        """The port it listens at."""
+        """Port that it listens at."""
         assert self._server is not None, "the server is not open"
         port: int = next(iter(self._server.sockets)).getsockname()[1]
         return port
@@ -462,7 +460,7 @@ class WebSocketListener:
             self._telling = asyncio.get_running_loop().create_task(self._tell())
 
     async def _watch_backlogs(self) -> None:
-        """See that nothing waits of clients that are silent."""
+        """Check the backlog of clients whose frames are not read."""
         while True:
             await asyncio.sleep(BEAT_S)
             for each in self._connections:
@@ -484,11 +482,11 @@ class WebSocketListener:
             await asyncio.sleep(stats.PERIOD_S)
 
     def _round_trip_us(self) -> int:
-        """Round-trip time of the slowest client; 0: none has answered a ping yet."""
+        """Return the round-trip time of the slowest client; 0: none has answered a ping yet."""
         return round(1e6 * max((each.latency for each in self._connections), default=0.0))
 
     async def close(self) -> None:
-        """Let all clients go."""
+        """Disconnect all clients."""
         self._standstill.stop()
         if self._watching is not None:
             self._watching.cancel()
@@ -600,7 +598,7 @@ class WebSocketListener:
 def _watched(
     arrived: Callable[[ServerConnection], None], left: Callable[[ServerConnection], None]
 ) -> type[ListenerConnection]:
-    """Connections that report when they arrive and leave."""
+    """Make a connection class that reports arrival and end of its connections."""
 
     class Watched(ListenerConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -615,7 +613,7 @@ def _watched(
 
 
 def _split(path: str) -> SplitResult:
-    """Path and query of a request; none of an invalid address."""
+    """Return path and query of a request; empty for an invalid address."""
     try:
         return urlsplit(path)
     except ValueError:
@@ -665,6 +663,6 @@ _MAKE_ONE = (
 
 
 def _peer(connection: ServerConnection) -> str:
-    """A client's address, for logs."""
+    """Return a client's address, for logs."""
     address = connection.remote_address
     return f"{address[0]}:{address[1]}" if address else "a client that has left"

@@ -1,4 +1,4 @@
-"""Joint velocities from which every limit can still be kept: bounds that are never empty."""
+"""Joint velocities from which every limit can still be met: bounds that are never empty."""
 
 from __future__ import annotations
 
@@ -41,10 +41,8 @@ class JointBounds:
         lowest: FloatArray,
         highest: FloatArray,
     ) -> bool:
-        """Write the bounds into the first entries of `lowest` and `highest`.
-
-        True when the end of a joint's range bounds it more than speed and acceleration do.
-        """
+        """Write the bounds into the first entries of `lowest` and `highest`. Return whether the end
+        of a joint's range bounds it more than speed and acceleration do."""
         ending = False
         longest_s = max(map(truediv, map(abs, v), self.acceleration))
         for index, (lower, upper, fastest, acceleration) in enumerate(self._joints):
@@ -73,7 +71,7 @@ class JointBounds:
         return ending
 
     def limiting(self, lowest: FloatArray, highest: FloatArray, v: FloatArray) -> list[int]:
-        """Joints whose velocity is at a bound."""
+        """Return the joints whose velocity is at a bound."""
         return [
             index
             for index in range(len(self.velocity))

@@ -1,4 +1,4 @@
-"""Which servo moves an arm: the compiled one wherever it can."""
+"""Choice of the servo that moves an arm: the compiled one if possible."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def choose_servo(
     options: ServoOptions | None = None,
     weights: SixWeights = (1.0,) * 6,
 ) -> AnyServo:
-    """The compiled servo where it takes the arm and was compiled, else the one in Python, which
-    moves the arm alike, needs more time for it, and says why in `not_compiled`."""
+    """Return the compiled servo if it takes the arm and was compiled, else the one in Python, which
+    moves the arm alike, takes longer, and gives the reason in `not_compiled`."""
     if isinstance(kinematics, ArmKinematics):
         try:
             return CompiledServo(kinematics, collision, options, weights)

@@ -1,7 +1,7 @@
 """The servo compiled: the tick of :mod:`cardan.gateway.servo.servo` in C, one call each.
 
-The kernel keeps the commanded joints and all it works with; `q`, `v` and `twist` here are windows
-onto its memory. docs/servo.md describes its input, and how its sources are to be read.
+The kernel owns the commanded joints and its workspace; `q`, `v` and `twist` here are views of its
+memory. docs/servo.md describes its input and its sources.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ _pack_goal = struct.Struct("13d").pack_into
 _unpack_pose = struct.Struct("7d").unpack_from
 
 _SPHERE_M = 1e-9
-"""Capsules shorter than this are spheres, as CollisionModel has it."""
+"""Length below which capsules are spheres, the same as in CollisionModel."""
 
 _ALIGNED = 1.0 - 1e-12
-"""An axis so near to one of the frame's is that one, as ArmKinematics has it."""
+"""Cosine from which an axis counts as aligned with one of the frame's, the same as in
+ArmKinematics."""
 
 REFUSED = {
     layout.GOOD: "",
@@ -50,16 +51,14 @@ REFUSED = {
 
 
 class _Memory(ctypes.c_char * ctypes.sizeof(layout.CState)):  # type: ignore[misc]
-    """The state of a kernel, which lives as long as any window onto this does."""
+    """State of a kernel; it lives as long as any view of it."""
 
 
 class CompiledServo:
-    """As :class:`cardan.gateway.servo.servo.Servo`, for serial arms of up to 9 joints.
-
-    Raises NativePartError where the kernel cannot be
-    loaded, ConfigurationError where it cannot take the arm, and ValueError for joint positions,
-    rates and postures of a wrong length or that are not numbers.
-    """
+    """Compiled counterpart of :class:`cardan.gateway.servo.servo.Servo`, for serial arms of up to 9
+    joints. Raises NativePartError if the kernel cannot be loaded, ConfigurationError if it cannot
+    take the arm, and ValueError for joint positions, rates and postures of a wrong length or that
+    are not numbers."""
 
     not_compiled = ""
 
@@ -85,7 +84,8 @@ class CompiledServo:
         self._library = library
         held = self._handle, Pose, Vector3, Quaternion, Frame.BASE
         self.record_command: Callable[[float], None]
-        """As Servo.record_command."""
+        """Take the commanded joints for those of a stamp, s, as :meth:`Servo.record_command`
+        does."""
         self._measure, self._tick, self.record_command = (
             native_call(library, f"kernel_call_{name}", *held)
             for name in ("measure", "tick", "note")
@@ -130,13 +130,13 @@ class CompiledServo:
         self._tool = tool
 
     def _checked(self, what: str, values: Any) -> Any:
-        """`values`, one for each joint, as the kernel takes them."""
+        """Return `values`, one for each joint, as the kernel takes them."""
         if len(values) != self.joints:
             raise ValueError(f"{what}: {len(values)} values for {self.joints} joints")
         return native.numbers(values)
 
     def _write(self, what: str, offset: int, values: Any) -> None:
-        """`values`, one for each joint, where the kernel reads them."""
+        """Write `values`, one for each joint, into the kernel's input."""
         given = values.tolist() if isinstance(values, np.ndarray) else values
         try:
             self._pack_joints(self._memory, offset, *given)
@@ -155,8 +155,9 @@ class CompiledServo:
             raise ValueError(f"joint positions {list(q)} are not numbers of at most 1e9")
 
     def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
-        """As CollisionModel.move, between two ticks: of the kernel's bodies, not of `collision`,
-        which the kernel does not ask. Raises ValueError for an invalid placement or distance."""
+        """Move the kernel's bodies between two ticks, as CollisionModel.move does; `collision`,
+        which the kernel does not read, stays. Raises ValueError for an invalid placement or
+        distance."""
         if self.collision is None:
             return
         placements, grown = self._placements[: len(frames)], self._grown_m[: len(grown_m)]
@@ -175,19 +176,19 @@ class CompiledServo:
 
     @property
     def placement(self) -> SE3:
-        """The commanded TCP in the base."""
+        """Commanded TCP in the base."""
         return self.kinematics.forward(self.q)
 
     @property
     def pose(self) -> Pose:
-        """The commanded TCP in the base."""
+        """Commanded TCP in the base."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
         self._library.kernel_pose(self._handle)
         return self._read_pose(self._pose_position)
 
     def pose_at(self, q: Sequence[float]) -> Pose:
-        """The TCP in the base for the joint positions `q`."""
+        """Return the TCP in the base for the joint positions `q`."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
         self._pack_joints(self._memory, self._pose_joints, *q)
@@ -196,11 +197,11 @@ class CompiledServo:
         return Pose(Vector3(x, y, z), Quaternion(w, i, j, k))
 
     def keep_past(self, lag_s: float) -> None:
-        """As Servo.keep_past."""
+        """Set the robot's lag, as :meth:`Servo.keep_past` does."""
         self._library.kernel_keep_past(self._handle, lag_s, self._turns)
 
     def measure(self, joints: Sequence[float]) -> tuple[Pose, float, int]:
-        """As Servo.measure."""
+        """Return the measured TCP and the joints' error, as :meth:`Servo.measure` does."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
         self._pack_joints(self._memory, self._pose_joints, *joints)
@@ -208,7 +209,7 @@ class CompiledServo:
         return found
 
     def expected(self, joints: Sequence[float]) -> FloatArray:
-        """As Servo.expected."""
+        """Return the expected joint positions, as :meth:`Servo.expected` does."""
         self.measure(joints)
         found: FloatArray = self._expected.copy()
         return found
@@ -219,7 +220,7 @@ class CompiledServo:
 
     @property
     def reachable(self) -> Pose | None:
-        """As Servo.reachable."""
+        """The goal of the last tick in the directions that the arm has, as in Servo."""
         if not self.projects:
             return None
         pose = self._read_pose(self._reachable)
@@ -227,7 +228,7 @@ class CompiledServo:
 
     @property
     def motion(self) -> FloatArray:
-        """2×3: linear and angular velocity of the TCP at `v`, base axes, by the Jacobian of the
+        """Linear and angular velocity of the TCP at `v`, 2×3, base axes, by the Jacobian of the
         last tick or placement."""
         self._library.kernel_motion(self._handle)
         return self._motion
@@ -245,7 +246,7 @@ class CompiledServo:
 
     @property
     def policy(self) -> Policy:
-        """Policy where the arm cannot follow."""
+        """Policy if the arm cannot follow."""
         return Policy.REACH if self._state.reach else Policy.PATH
 
     @policy.setter
@@ -254,7 +255,7 @@ class CompiledServo:
 
     @property
     def posture(self) -> FloatArray | None:
-        """Preferred joint positions where the task leaves freedom; None: none."""
+        """Preferred joint positions for the task's free directions; None: none."""
         return self._posture if self._state.has_posture else None
 
     @posture.setter
@@ -264,7 +265,7 @@ class CompiledServo:
         self._state.has_posture = posture is not None
 
     def move_at(self, v: FloatArray) -> None:
-        """Go on at the joint velocities `v` (n) from the next tick on."""
+        """Continue at the joint velocities `v` (n) from the next tick on."""
         if not self._library.kernel_move_at(self._handle, self._checked("joint velocities", v)):
             raise ValueError(f"joint velocities {list(v)} are not numbers of at most 1e9")
 
@@ -276,7 +277,8 @@ class CompiledServo:
         joint_rate: FloatArray | None = None,
         slide: bool = False,
     ) -> float:
-        """As Servo.tick. A number that is none, or a period that is not above 0, brakes."""
+        """Do the tick of :meth:`Servo.tick`. An invalid number, or a period that is not above 0,
+        brakes."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
         linear, angular = twist
@@ -294,7 +296,8 @@ class CompiledServo:
         return share
 
     def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:
-        """As Servo.tick_joints. A number that is none, or a period that is not above 0, brakes."""
+        """Do the tick of :meth:`Servo.tick_joints`. An invalid number, or a period that is not
+        above 0, brakes."""
         self._write("joint goal", self._goal_joints, goal)
         self._write("joint rates", self._goal_rate, rate)
         share: float = self._library.kernel_tick_joints(self._handle, dt_s)

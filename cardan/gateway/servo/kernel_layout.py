@@ -1,4 +1,4 @@
-"""The structures of the compiled servo, as kernel/kernel.h declares them."""
+"""The structures of the compiled servo, as declared in kernel/kernel.h."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _JOINTS = c_double * MAX_JOINTS
 _THREE, _FOUR, _SIX, _NINE = c_double * 3, c_double * 4, c_double * 6, c_double * 9
 
 MAX_SHAPES, MAX_PAIRS = 256, 4096
-"""Most that it keeps apart."""
+"""Largest numbers of shapes and pairs."""
 
 CAPSULE, BOX, HALF_SPACE = range(3)
 
@@ -22,7 +22,7 @@ SLIDE, WITH_RATE = 1, 2
 """Flags of a tick."""
 
 BAD_JOINTS = 2
-"""The reason for joints that it cannot take."""
+"""Reason for joints that it cannot take."""
 
 GOOD, BAD_INPUT, BAD_PERIOD, NO_SOLUTION = range(4)
 """Problems of a tick."""
@@ -37,7 +37,7 @@ REASONS = (
     "a shape is no capsule, box or half-space with numbers for sizes, or there are too many",
     "a pair of shapes is not two of different bodies, or there are too many",
 )
-"""Why a kernel was not made, by the reason that it gives."""
+"""Reasons for not making a kernel, by its return code."""
 
 
 class CArm(ctypes.Structure):
@@ -70,7 +70,7 @@ OPTIONS = (
     "posture_gain_1_s",
     "posture_weight",
 )
-"""Options of the servo that the kernel takes as they are."""
+"""Options of the servo that the kernel takes unchanged."""
 
 
 class COptions(ctypes.Structure):
@@ -182,5 +182,5 @@ class CProgram(ctypes.Structure):
 
 
 def expected_layout() -> list[int]:
-    """Sizes and field offsets as `kernel_layout` of the compiled library must give them."""
+    """Return sizes and field offsets that `kernel_layout` of the compiled library must match."""
     return layout_of(CArm, COptions, CShape, CPair, CState, CProgram)

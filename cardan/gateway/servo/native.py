@@ -13,13 +13,13 @@ from cardan.gateway.servo.kernel_layout import expected_layout
 
 
 def library_path() -> Path:
-    """Path of the compiled servo, whether or not it exists."""
+    """Return the path of the compiled servo, whether or not it exists."""
     return Path(__file__).with_name("libcardan_servo.so")
 
 
 @functools.cache
 def kernel_library() -> Any:
-    """The compiled servo, loaded once. Raises NativePartError, with advice."""
+    """Return the compiled servo, loaded once. Raises NativePartError, with advice."""
     loaded = load_own_library(library_path(), "the compiled servo", "kernel", expected_layout())
     numbers = POINTER(c_double)
     for name, result, arguments in (
@@ -52,6 +52,6 @@ def kernel_library() -> Any:
 
 
 def numbers(values: Any) -> Any:
-    """`values` as a C array of doubles."""
+    """Convert `values` to a C array of doubles."""
     given = [float(value) for value in values]
     return (ctypes.c_double * len(given))(*given)

@@ -1,8 +1,8 @@
 """Expected position of a robot that lags behind its command in normal operation.
 
-Industrial controllers filter their commands: a GP8 normally lags by 0.3 s. For supervision its
-position must be compared with the commands within that time, not with the present one; else fast
-motion looks like an arm that is blocked.
+Industrial controllers filter their commands: a GP8 normally lags by 0.3 s. Supervision compares its
+position with the commands within that time, not with the present one; else fast motion looks like a
+blocked arm.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ _ROWS = 17
 def farthest(
     place: Sequence[float], other: Sequence[float], continuous: Sequence[bool]
 ) -> tuple[float, int]:
-    """How far that joint is away which is farthest, rad or m, and which it is. Whole turns of
-    `continuous` joints are no way."""
+    """Return the distance of the joint that is farthest away, rad or m, and its index. Whole turns
+    of `continuous` joints are ignored."""
     ways = [*map(abs, map(sub, place, other))]
     most = max(ways)
     if most > math.pi:
@@ -38,27 +38,27 @@ class ResponseLag:
     """Keeps the commanded joints of the last `lag_s`."""
 
     def __init__(self, lag_s: float, continuous: npt.NDArray[np.bool_]) -> None:
-        """`continuous` marks joints whose whole turns make no difference."""
+        """`continuous` marks joints whose whole turns are ignored."""
         self._spacing_s = lag_s / (_ROWS - 1)
         self._continuous: list[bool] = continuous.tolist()
         self._rows: list[list[float]] = []
         self._next_s = 0.0
         self._at = 0
-        """The newest row."""
+        """Index of the newest row."""
         self._nearest = 0
-        """The row that was nearest last."""
+        """Index of the last nearest row."""
         self._known: tuple[Sequence[float], Sequence[float], Sequence[float]] = (), (), ()
-        """Last arguments of `expected`, and its result: a control cycle asks twice."""
+        """Last arguments of `expected`, and its result: each control cycle calls it twice."""
 
     def record_command(self, commanded: FloatArray, stamp_s: float) -> None:
-        """Record the commanded joints of `stamp_s`."""
+        """Record the commanded joints of the time `stamp_s`."""
         if self._spacing_s == 0.0:
             return
         if not self._rows:
             self._rows = [commanded.tolist()] * _ROWS
             self._next_s = stamp_s + self._spacing_s
         elif stamp_s >= self._next_s:
-            # After a gap the past is gone but for its newest row.
+            # After a gap only the newest row of the past is kept.
             missed = min(int((stamp_s - self._next_s) / self._spacing_s), _ROWS - 1)
             row = commanded.tolist()
             for _ in range(missed + 1):
@@ -70,10 +70,9 @@ class ResponseLag:
         self._known = (), (), ()
 
     def expected(self, measured: Sequence[float], commanded: Sequence[float]) -> Sequence[float]:
-        """Joint positions once the robot has caught up with `commanded`.
-
-        That is where they are measured, and the way from the nearest place of the past to
-        `commanded`. A robot that is held stays behind: its past moves on without it.
+        """Return the joint positions once the robot has caught up with `commanded`: the measured
+        ones, plus the distance from the nearest past command to `commanded`. A robot that is held
+        stays behind: its past commands move on without it.
         """
         if not self._rows:
             return measured

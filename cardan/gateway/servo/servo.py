@@ -6,10 +6,10 @@ Unknowns are the joint velocities v and the path speed s. Each tick solves
     s.t. bounds on v that hold speed, acceleration and range (hard), 0 <= s <= 1,
          closing speed of every near pair of bodies (soft)
 
-in TCP axes. The loop closes on the commanded joint positions, never on the measured ones: gravity
-sag and servo error cannot creep into the path (Łukawski, Victores and Balaguer 2023, section 4).
-With s an arm that cannot keep up slows along its path instead of leaving it; where it slides, each
-part of the twist has an s of its own. Damping by the smallest singular value follows Nakamura and
+in TCP axes. The loop is closed on the commanded joint positions, not on the measured ones: gravity
+sag and servo error cannot creep into the path (Łukawski, Victores and Balaguer 2023, section 4). By
+s an arm that cannot keep up slows along its path instead of leaving it; while it slides, each part
+of the twist has an s of its own. Damping by the smallest singular value follows Nakamura and
 Hanafusa 1986 (doi:10.1115/1.3143764), dampers between bodies Faverjon and Tournassoud 1987
 (doi:10.1109/ROBOT.1987.1087982).
 """
@@ -31,7 +31,7 @@ from cardan.robots import SixWeights
 from cardan.types import Pose, Vector3
 
 TwistParts = FloatArray | tuple[Vector3, Vector3]
-"""Linear and angular velocity: 2×3 numbers."""
+"""Linear and angular velocity, 2×3."""
 
 UNBOUNDED = 1e30
 """daqp's infinity."""
@@ -43,65 +43,68 @@ MAX_PARTS = 3
 """Parts of a twist that slides, each with a path speed of its own."""
 
 MAX_ROWS = 16
-"""Closing pairs in one program, the most urgent first: more cannot act on nine joints."""
+"""Largest number of closing pairs in one program, the most urgent first: more cannot act on nine
+joints."""
 
 CLOSING_LEVER_M = 0.13
-"""Lever that makes the acceleration of a joint that turns a deceleration of the bodies it moves:
+"""Lever that converts a revolute joint's acceleration to a deceleration of the bodies it moves:
 shorter than those that move a TCP fast."""
 
 AT_REST = 1e-5
 """Speed, rad/s or m/s, that counts as rest: the tail of an exponential approach, which no drive
-resolves. Also the pace below which nothing is asked to move."""
+resolves. Also the pace below which no motion is requested."""
 
 POSTURE_FULL_AT_M_S = 0.02
 """Length-weighed speed of the TCP from which the posture has its full gain."""
 
 TIGHT_M_S = 1e-4
-"""A closing speed below its limit by less than this ends the motion."""
+"""Difference of a closing speed to its limit below which it ends the motion."""
 
 LONGEST_SERVO_STEP_S = 0.005
-"""A longer tick is taken in steps: near a singularity the servo is only as good as its linear
-model. At 20 ms a GP8 whose elbow is stretched would oscillate by 30 mm for ever."""
+"""Longest step of the servo; a longer tick is divided. Near a singularity the servo is only as good
+as its linear model: at 20 ms a GP8 with a stretched elbow would oscillate by 30 mm for ever."""
 
 OFF_LINE_M, OFF_LINE_RAD = 0.005, math.radians(2.0)
-"""Error towards which Policy.PATH gives up its pace rather than more of its line."""
+"""Error at which Policy.PATH gives up its pace rather than more of its line."""
 
 LEAST_STIFFNESS = 1e-3
-"""Share of the price of slowing that stays there, so that an error that nothing keeps from being
-removed does not stop an arm."""
+"""Least share of the price of slowing, so that an error that can be removed freely does not stop an
+arm."""
 
 SWEEPS = 10
-"""Projections onto each pair in the way, at most; the rest in narrow corners is slowed."""
+"""Most projections onto each pair in the way; a motion into narrow corners beyond them is
+slowed."""
 
 AT_END = 1e-3
-"""Distance to an end of a joint's range, rad or m, within which it is not counted on."""
+"""Distance to an end of a joint's range, rad or m, within which the joint is not relied on."""
 
 FREE_DIRECTION = 1e-9
-"""Regularizes projections onto an arm's possible motions; far below any real direction."""
+"""Regularization of projections onto an arm's possible motions; far below any real direction."""
 
 
 def _closing_with(bounds: JointBounds) -> FloatArray:
-    """Deceleration, m/s², with which each joint brakes its bodies."""
+    """Return the deceleration, m/s², with which each joint brakes its bodies."""
     found: FloatArray = np.where(bounds.prismatic, 1.0, CLOSING_LEVER_M) * bounds.acceleration
     return found
 
 
 def closing_deceleration(options: ServoOptions, bounds: JointBounds) -> float:
-    """Deceleration, m/s², that is expected of bodies that close in, whatever joint moves them."""
+    """Return the deceleration, m/s², expected of bodies that close in, for any joint that moves
+    them."""
     return min(options.closing_deceleration_m_s2, float(_closing_with(bounds).min()))
 
 
 def closing_decelerations(
     options: ServoOptions, bounds: JointBounds, collision: CollisionModel
 ) -> FloatArray:
-    """The same of each pair, m/s²: of the joints between its bodies, which alone make it close."""
+    """Return the deceleration of each pair, m/s²: that of the joints between its bodies."""
     able = np.where(collision.sweeps > 0.0, _closing_with(bounds), math.inf)
     lowest: FloatArray = able.min(axis=1, initial=options.closing_deceleration_m_s2)
     return lowest
 
 
 def safety_distances(options: ServoOptions, collision: CollisionModel) -> list[float]:
-    """How far apart the bodies of each pair are kept, m."""
+    """Return the least distance between the bodies of each pair, m."""
     clearance_m: list[float] = np.where(
         collision.with_obstacle, options.safety_distance_m, options.self_distance_m
     ).tolist()
@@ -120,7 +123,8 @@ class Servo:
     ) -> None:
         """`weights` of x y z rx ry rz along TCP axes; 0 leaves a direction free."""
         self.not_compiled = ""
-        """Why this one runs and not the compiled one; empty where it was chosen for itself."""
+        """Reason why this servo runs and not the compiled one; empty if it was chosen
+        explicitly."""
         self.kinematics = kinematics
         self.collision = collision
         self.options = options = options or ServoOptions()
@@ -132,18 +136,18 @@ class Servo:
         self._continuous: list[bool] = kinematics.continuous.tolist()
         self.keep_past(0.0)
         self._moves: bool | None = None
-        """Whether `v` is a motion; None: not checked since it changed."""
+        """True if `v` is a motion; None: not checked since it changed."""
         self.posture: FloatArray | None = None
-        """Preferred joint positions where the task leaves freedom; None: none. A joint that turns
-        for ever prefers none from half a turn on: the turns that it counts are no way back."""
+        """Preferred joint positions for the task's free directions; None: none. A continuous joint
+        has no preference beyond half a turn: its counted turns are not unwound."""
         self._half_turns = np.where(np.isfinite(kinematics.lower), math.inf, math.pi)
         self.policy = options.policy
         self.twist: FloatArray = np.zeros((2, 3))
         """Motion of the reference in this period: linear, angular; base axes."""
         self.path_speed = 1.0
         self.reachable: Pose | None = None
-        """The goal of the last tick without directions for which the arm lacks joints, whose error
-        would otherwise pile up and come out in others; None for arms that can do all."""
+        """The goal of the last tick without the directions that the arm lacks joints for, whose
+        error would otherwise accumulate and appear in others; None for arms with all directions."""
         length = options.length_m
         self._weights = np.array(weights) * (1.0, 1.0, 1.0, length, length, length)
         self._column_weights = self._weights[:, None]
@@ -152,7 +156,7 @@ class Servo:
         self._scales = (self._weights != 0.0) * np.array((1.0, 1.0, 1.0, length, length, length))
         rank = min(int(np.count_nonzero(self._weights)), n)
         self.projects = rank < 6
-        """Whether the arm lacks joints for some directions."""
+        """True if the arm lacks joints for some directions."""
         self._smallest = n - rank
         self._singular = eigenpy.SelfAdjointEigenSolver(n)
         self._solver = eigenpy.LLT(n)
@@ -176,7 +180,7 @@ class Servo:
         self._lambda = 0.0
         self._error_m = self._error_rad = 0.0
         self._unreachable = (0.0, 0.0)
-        # For errors so small the gain alone counts: not fast, and far from overshooting.
+        # For errors this small the gain alone counts: slow, and far from overshooting.
         gain = options.gain_1_s
         self._small_m = min(
             0.5 * options.linear_deceleration_m_s2 / gain**2, options.linear_speed_m_s / gain
@@ -197,7 +201,7 @@ class Servo:
         self._safety = [] if collision is None else safety_distances(options, collision)
 
     def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
-        """As CollisionModel.move, between two ticks."""
+        """Move bodies as CollisionModel.move does, between two ticks."""
         if self.collision is not None:
             self.collision.move(first, frames, grown_m)
 
@@ -216,42 +220,42 @@ class Servo:
 
     @property
     def placement(self) -> SE3:
-        """The commanded TCP in the base."""
+        """Commanded TCP in the base."""
         return self.kinematics.forward(self.q)
 
     @property
     def pose(self) -> Pose:
-        """The commanded TCP in the base."""
+        """Commanded TCP in the base."""
         return to_pose(self.placement)
 
     def pose_at(self, q: Sequence[float]) -> Pose:
-        """The TCP in the base for the joint positions `q`."""
+        """Return the TCP in the base for the joint positions `q`."""
         return to_pose(self.kinematics.forward(np.array(q)))
 
     def keep_past(self, lag_s: float) -> None:
-        """Expect a robot that may be `lag_s` behind its commands in good order; those that were
-        noted before are forgotten."""
+        """Set `lag_s`, the robot's normal delay behind its commands; earlier commands are
+        forgotten."""
         self._lag = ResponseLag(lag_s, self.kinematics.continuous)
 
     def record_command(self, stamp_s: float) -> None:
-        """Take the commanded joints for those of `stamp_s`."""
+        """Take the present commanded joints for those of the time `stamp_s`."""
         self._lag.record_command(self.q, stamp_s)
 
     def measure(self, joints: Sequence[float]) -> tuple[Pose, float, int]:
-        """Return the TCP of a robot that is measured at `joints`, base frame, how far the joint
-        that is farthest from its command is away, rad or m, and which it is; all of them for where
-        the robot will be once it has caught up."""
+        """Return the TCP of a robot measured at `joints`, base frame, the distance of the joint
+        farthest from its command, rad or m, and its index; all of them for the robot once it has
+        caught up."""
         commanded = self.q.tolist()
         joints = self._lag.expected(joints, commanded)
         return self.pose_at(joints), *farthest(commanded, joints, self._continuous)
 
     def expected(self, joints: Sequence[float]) -> FloatArray:
-        """Position, once it has caught up, of a robot that is measured at `joints`."""
+        """Return the joint positions, once it has caught up, of a robot measured at `joints`."""
         return np.array(self._lag.expected(joints, self.q.tolist()))
 
     @property
     def motion(self) -> FloatArray:
-        """2×3: linear and angular velocity of the TCP at `v`, base axes, by the Jacobian of the
+        """Linear and angular velocity of the TCP at `v`, 2×3, base axes, by the Jacobian of the
         last tick or placement."""
         kinematics = self.kinematics
         lines = (kinematics.jacobian @ self.v).reshape(2, 3)
@@ -266,7 +270,7 @@ class Servo:
         return self._moves
 
     def move_at(self, v: FloatArray) -> None:
-        """Go on at the joint velocities `v` (n) from the next tick on."""
+        """Continue at the joint velocities `v` (n) from the next tick on."""
         self.v[:] = v
         self._moves = None
 
@@ -283,12 +287,11 @@ class Servo:
         `twist` is linear, angular; base axes, at the TCP. `joint_rate` (n) is the operator's
         request for single joints beside it; it adds to the twist (Baklouti et al. 2021, equation
         7). With `slide` an obstacle or the end of a joint's range takes away only the part of the
-        twist that points into it: of the translation the part that an obstacle does not leave, and
-        translation and rotation each by its own path speed. Under Policy.PATH nothing else is added
-        to the request. Without, the line is held and the motion ends there.
-
-        Returns the path speed s: the goal is to be moved by `self.twist` · dt_s, which is s times
-        the request, less directions that the arm does not have.
+        twist that points into it: of the translation the blocked part, and translation and rotation
+        each by its own path speed. Under Policy.PATH nothing else is added to the request. Without
+        `slide`, the line is held and the motion ends there. Return the path speed s: the caller
+        moves the goal by `self.twist` · dt_s, which is s times the request, less directions that
+        the arm lacks.
         """
         kinematics, options, n = self.kinematics, self.options, self.joints
         kinematics.update(self.q)
@@ -366,7 +369,7 @@ class Servo:
     def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:
         """Move for `dt_s` towards the joint positions `goal`, which move at `rate` (n each).
 
-        Returns the path speed s: the goal is to be moved by s·rate·dt_s.
+        Return the path speed s: the caller moves the goal by s·rate·dt_s.
         """
         n, options = self.joints, self.options
         self.kinematics.update(self.q)
@@ -427,8 +430,8 @@ class Servo:
         )
 
     def _smallest_of_free(self, matrix: FloatArray) -> float:
-        """The smallest eigenvalue of the task's `matrix` of the joints that are not at an end of
-        their range: an arm that these make singular is not to swing about its line."""
+        """Return the smallest eigenvalue of the task's `matrix` without joints at an end of their
+        range: an arm that these make singular must not swing about its line."""
         bounds, matrix = self.kinematics, matrix.copy()
         ended = np.flatnonzero(np.minimum(bounds.upper - self.q, self.q - bounds.lower) < AT_END)
         matrix[ended], matrix[:, ended] = 0.0, 0.0
@@ -436,13 +439,15 @@ class Servo:
         return float(np.linalg.eigvalsh(matrix)[smallest]) if smallest < self.joints else 0.0
 
     def _stiffness(self) -> float:
-        """Price of slowing along the path: the less, the nearer the TCP is to leaving its line."""
+        """Return the price of slowing along the path: lower, the nearer the TCP is to leaving its
+        line."""
         off = max(self._error_m / OFF_LINE_M, self._error_rad / OFF_LINE_RAD)
         left = max(0.0, 1.0 - off)
         return self.options.path_stiffness * max(left * left, LEAST_STIFFNESS)
 
     def _price_slowing(self, pace: float, stiffness: float) -> None:
-        """Bounds and price of the speed along the path: a share of the pace, alike at any pace."""
+        """Set bounds and price of the speed along the path: a share of the pace, equal at any
+        pace."""
         n = self.joints
         if pace <= AT_REST:
             self._normal[n, n] = 1.0
@@ -454,7 +459,8 @@ class Servo:
         self._lowest[n] = pace if self.policy is Policy.REACH else 0.0
 
     def _project(self, jacobian: FloatArray) -> None:
-        """Drop directions that an arm with few joints lacks from the request, and keep its size."""
+        """Remove directions that an arm with few joints lacks from the request, and keep its
+        size."""
         weighed = jacobian * self._column_weights
         normal = weighed.T.dot(weighed)
         normal[np.diag_indices(self.joints)] += FREE_DIRECTION
@@ -471,7 +477,7 @@ class Servo:
         )
 
     def _limit_feedback(self, dt_s: float) -> None:
-        """The velocity that removes the pose error in `_feedback` and can still stop."""
+        """Limit `_feedback` to the velocity that removes the pose error and can still stop."""
         options, feedback = self.options, self._feedback
         x, y, z, rx, ry, rz = feedback.tolist()
         error = self._error_m = math.sqrt(x * x + y * y + z * z)
@@ -497,7 +503,7 @@ class Servo:
 
     def _add_rows(self, dt_s: float) -> None:
         """Fill in a row for each pair of bodies that could meet within the joints' bounds, which
-        are filled in: those that could be farthest beyond what they may."""
+        are filled in: those that could exceed their limit most."""
         collision = self.collision
         self._active = 0
         if collision is None or not collision.pairs:
@@ -542,8 +548,8 @@ class Servo:
     def _add_posture(self, joint_rate: FloatArray | None, speed: float) -> None:
         """Pull towards the posture and the requested joint speeds, where the task leaves freedom.
 
-        Only along the null space: a cost on all of v would be paid with the task's pace. And only
-        while the TCP is asked to move, because an arm whose TCP rests must rest.
+        Only along the null space: a cost on all of v would slow the task. And only while the TCP is
+        requested to move, because an arm whose TCP rests must rest.
         """
         options = self.options
         free = self._singular.eigenvectors()[:, : self._smallest]
@@ -560,7 +566,7 @@ class Servo:
         self._linear[: self.joints] -= weight * free.dot(free.T.dot(pull))
 
     def _tight(self, v: FloatArray, rows: int) -> list[int]:
-        """The rows of pairs of bodies that close as fast as they may."""
+        """Return the rows of pairs of bodies that close at their limit."""
         if not rows:
             return []
         closing = self._rows_of_joints[:rows].dot(v)
@@ -594,8 +600,8 @@ class Servo:
     def _slide(
         self, parts: list[FloatArray], stiffness: float, rows: int
     ) -> tuple[FloatArray, float]:
-        """The program's solution with a path speed for each of `parts`, whose possible motion
-        replaces the request; and the share that is left."""
+        """Solve with a path speed for each of `parts`, whose possible motion replaces the request;
+        return the solution, and the share that is left."""
         n, weights = self.joints, self._weights
         unknowns, end = n + len(parts), n + 1 + rows
         weighed = np.array(parts) * weights
@@ -618,7 +624,7 @@ class Servo:
         return x, min(1.0, float(x[n:].dot(paces) / paces.dot(paces)))
 
     def _solve(self, dt_s: float) -> FloatArray:
-        """The program's solution, v and s; a braking ramp where there is none."""
+        """Return the program's solution, v and s; a braking ramp if there is none."""
         highest, lowest = self._highest, self._lowest
         self._ending = self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
         self._add_rows(dt_s)
@@ -673,11 +679,9 @@ class Servo:
         self.q += step
 
     def _strikes(self, collision: CollisionModel, step: FloatArray) -> bool:
-        """True when this step would bring a pair into contact.
-
-        Pairs that cannot meet within the step are excluded by how far their bodies can move; so
-        nothing is missed between two ticks, however thin.
-        """
+        """Return whether this step would bring a pair into contact. Pairs that cannot meet within
+        the step are excluded by their bodies' largest motion, so no contact between two ticks is
+        missed."""
         before = np.array(collision.distances)
         moved = collision.sweep(step)
         if not ((before >= 0.0) & (moved > before)).any():

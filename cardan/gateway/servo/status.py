@@ -13,7 +13,7 @@ UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
 """Smallest part of the commanded motion that counts as unreachable."""
 
 NEARER_M = 5e-3
-"""Least reported approach of a body that moves by itself. A body at rest may come as far within a
+"""Least reported approach of a body that moves by itself. A body at rest may move as far within a
 cycle."""
 
 
@@ -32,41 +32,41 @@ class ServoStatus(NamedTuple):
     nearest_pair: tuple[str, str]
     active_pairs: int
     error_m: float
-    """From the commanded TCP to the reference."""
+    """Distance of the commanded TCP from the reference."""
     error_rad: float
     unreachable_m_s: float
-    """Part of the commanded motion that this arm cannot do anywhere, for want of joints."""
+    """Part of the commanded motion that this arm cannot do anywhere, for lack of joints."""
     unreachable_rad_s: float
     failures: int
-    """Ticks so far without a solution, or whose step would have collided; each braked."""
+    """Ticks so far without a solution, or with a step into a collision; each braked."""
     iterations: int = 0
     """Most iterations of the program in a tick so far."""
     compiled: bool = False
-    """Whether the compiled servo runs."""
+    """True if the compiled servo runs."""
     refused: str = ""
     """Fault in the input of the last tick, which therefore braked; empty if none."""
     nearer_m: float = 0.0
-    """How much nearer the first of `nearest_pair` may come by itself until this arm moves next and
-    it stops."""
+    """Largest approach by itself of the first of `nearest_pair` until this arm moves next and it
+    stops."""
 
     @property
     def slowed(self) -> bool:
-        """Whether something slows the arm."""
+        """True if a limit slows the arm."""
         return self.path_speed < SLOWED
 
     @property
     def singular(self) -> bool:
-        """Whether the arm is so close to a singularity that this may slow it."""
+        """True if the arm is so close to a singularity that this may slow it."""
         return self.smallest_singular_value < SINGULAR
 
     @property
     def overlaps(self) -> bool:
-        """Whether two bodies are in each other."""
+        """True if two bodies overlap."""
         return self.distance_m < 0.0
 
     @property
     def nearest_in_words(self) -> str:
-        """How near the nearest pair of bodies is."""
+        """Distance of the nearest pair of bodies, as text."""
         first, second = self.nearest_pair
         if self.nearer_m >= NEARER_M:
             first += f", which may come {self.nearer_m * 1e3:.0f} mm nearer by itself,"
@@ -76,11 +76,11 @@ class ServoStatus(NamedTuple):
 
     @property
     def unreachable(self) -> bool:
-        """Whether the command has a part for which the arm has no joints."""
+        """True if the command has a part for which the arm has no joints."""
         return self.unreachable_m_s > UNREACHABLE_M_S or self.unreachable_rad_s > UNREACHABLE_RAD_S
 
     def limits(self) -> list[str]:
-        """Limits of the arm now, in one word each; empty if there are none."""
+        """Present limits of the arm, in one word each; empty if there are none."""
         slowed = self.slowed
         found = {
             "collision": self.overlaps or (slowed and self.active_pairs > 0),
@@ -91,7 +91,7 @@ class ServoStatus(NamedTuple):
         return [name for name, limits in found.items() if limits]
 
     def in_words(self) -> list[str]:
-        """Limits of the arm now, in words for people; empty if there are none."""
+        """Present limits of the arm, as text; empty if there are none."""
         found = []
         if self.slowed:
             if self.active_pairs:

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 
 SAME_BASE_M, SAME_BASE_RAD = 1e-3, 2e-3
-"""Two sessions mean one place by bases that differ by less."""
+"""Difference between bases up to which two sessions describe the same place."""
 
 FREE_JOINTS = 6
 """Joints of an arm without redundancy. An arm with more has a posture to choose: its home."""
 
 
 def why_no_verbs(config: SessionConfig) -> str:
-    """Why no verbs and streams can move a session's arm; empty where they can."""
+    """Return why no verbs and streams can move a session's arm; empty if they can."""
     if config.arm is None:
         return "verbs and streams need an [arm], with the model of the arm; this session has none"
     from cardan.gateway.kinematics.soft_neck import SOFT_NECKS
@@ -46,7 +46,7 @@ def why_no_verbs(config: SessionConfig) -> str:
 
 
 def has_rigid_arm(config: SessionConfig) -> bool:
-    """Whether a session has the model of an arm of rigid links."""
+    """Return whether a session has the model of an arm of rigid links."""
     return not why_no_verbs(config)
 
 
@@ -72,7 +72,7 @@ def make_neighbors(
 def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
     """The commanded arm of a session; None without an ``[arm]`` table.
 
-    Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
+    If the robot's driver has limits of its own, the stricter of both apply. Pinocchio is only
     imported here: sessions without an arm's model start without it.
     """
     table = config.arm
@@ -137,7 +137,8 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
 
 
 def own_topic(config: SessionConfig, name: str) -> str:
-    """The absolute name of a topic that a session's node calls `name`; empty without a network."""
+    """Return the absolute name of a topic that a session's node calls `name`; empty without a
+    network."""
     return "" if config.network is None else config.network.absolute(name)
 
 
@@ -191,12 +192,13 @@ def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
 def _is_of(
     sessions: Mapping[str, SessionConfig], own: str, table: NeighborTable, other: str
 ) -> bool:
-    """Whether a neighbor of the session `own` is the arm of `other`."""
+    """Return whether a neighbor of the session `own` is the arm of `other`."""
     return own_topic(sessions[own], table.topic) == own_topic(sessions[other], "joint_states")
 
 
 def _base_of(config: SessionConfig, index: int) -> Pose:
-    """Base of the arm of ``[[neighbors]]`` number `index`, in the base of a session's arm."""
+    """Return the base of the arm of ``[[neighbors]]`` number `index`, in the base of a session's
+    arm."""
     table = config.neighbors[index]
     given = table.base()
     if given is not None or not has_rigid_arm(config):
@@ -228,14 +230,15 @@ def _base_of(config: SessionConfig, index: int) -> Pose:
 
 
 def _apart(one: Pose, other: Pose) -> tuple[float, float] | None:
-    """How far two bases, each in the other, are from being inverse: m and rad; None: they are."""
+    """Return the deviation of two bases, each in the other, from being inverse: m and rad; None:
+    they are inverse."""
     closed = compose(one, other)
     away = norm(closed.position), norm(to_rotation_vector(closed.orientation))
     return away if away[0] > SAME_BASE_M or away[1] > SAME_BASE_RAD else None
 
 
 def make_neighbor_bodies(config: SessionConfig) -> list[NeighborBodies]:
-    """The bodies of the arms of ``[[neighbors]]``."""
+    """Make the bodies of the arms of ``[[neighbors]]``."""
     if not config.neighbors or config.arm is None:
         return []
     from cardan.gateway.arm.neighbors import NeighborBodies

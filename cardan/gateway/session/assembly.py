@@ -1,7 +1,5 @@
-"""Makes the parts of a session as its configuration has them; nothing is opened.
-
-The configuration is compared with what devices, robots, filters and arms can do: errors name keys.
-"""
+"""Assembly of a session's parts from its configuration; nothing is opened. The configuration is
+compared with the abilities of devices, robots, filters and arms: errors name keys."""
 
 from __future__ import annotations
 
@@ -43,15 +41,15 @@ if TYPE_CHECKING:
     from cardan.gateway.session.network import SessionNetwork
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
-"""Commands of which a robot must take one for a session to drive it by the model of its arm."""
+"""Commands of which a robot must take at least one if its session has the model of its arm."""
 
 OWN_BODY_SHARE = 0.5
-"""Share of the safety distance that a planned way keeps between parts of the arm itself: their
+"""Share of the safety distance that a planned motion keeps between parts of the arm itself: their
 positions are known exactly, and a home position may have them near."""
 
 
 def check_buttons(config: SessionConfig, device: OperatorDevice) -> None:
-    """Raise ConfigurationError for buttons that a device, as far as it knows its own, has not."""
+    """Raise ConfigurationError for buttons that a device, as far as it knows, does not have."""
     known, further = device.capabilities.buttons, device.capabilities.further_buttons
     for key, button in config.buttons():
         if known and button not in (*known, *further):
@@ -76,7 +74,7 @@ def check_mode(mapping: MappingOptions, device: OperatorDevice) -> None:
 
 
 def make_robot(config: SessionConfig) -> RobotDriver:
-    """The robot of a session, not opened yet."""
+    """Make the robot of a session, not opened yet."""
     robot = make_driver(config.robot, "robot")
     assert isinstance(robot, RobotDriver)
     kinds = ", ".join(sorted(kind.value for kind in robot.capabilities.commands))
@@ -97,7 +95,7 @@ def make_robot(config: SessionConfig) -> RobotDriver:
 
 
 def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
-    """The controller of a session's arm, with its operator device where there is one."""
+    """Make the controller of a session's arm, with its operator device, if there is one."""
     limits, watchdogs = config.limits, config.watchdogs
     arm = make_arm(config, robot)
     body: CommandedArm = TaskSpaceArm(limits) if arm is None else arm
@@ -122,10 +120,8 @@ def make_verbs(
     controller: ArmController,
     gripper: Callable[[Action], None] | None,
 ) -> ArmVerbs:
-    """The verbs of a session's arm, on the controller that it has, within the session's limits.
-
-    Takes tens of milliseconds. Raises MotionRefusedError where the session has no rigid arm.
-    """
+    """Make the verbs of a session's arm, on its controller, within the session's limits. Takes tens
+    of milliseconds. Raises MotionRefusedError if the session has no rigid arm."""
     if why := why_no_verbs(config):
         raise MotionRefusedError(why)
     from cardan.gateway.arm.joint_space_arm import JointSpaceArm
@@ -157,7 +153,7 @@ def make_verbs(
 
 
 def make_verb_options(config: SessionConfig) -> ControllerOptions:
-    """The limits and options of the verbs of a session that has an ``[arm]``."""
+    """Make the limits and options of the verbs of a session that has an ``[arm]``."""
     from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
     from cardan.gateway.motion.planner import Margins
 
@@ -207,14 +203,14 @@ def make_network(
 
 
 def has_output(table: GripperOptions, robot: RobotCapabilities) -> bool:
-    """Whether the robot has the output that the gripper is on."""
+    """Return whether the robot has the output that the gripper is on."""
     if isinstance(table.output, str):
         return robot.digital_outputs > 0
     return robot.analog_outputs > table.output
 
 
 def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
-    """The filters of a session in their order, not opened yet."""
+    """Make the filters of a session in their order, not opened yet."""
     made = []
     for index, table in enumerate(config.filters):
         key = f"filters.{index}"
@@ -227,8 +223,8 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
 
 
 def servo_in_words(config: SessionConfig) -> str:
-    """Which servo moves a session's arm, and why it is not the compiled one; empty without an arm's
-    model."""
+    """Return the servo of a session's arm, and why it is not the compiled one; empty without an
+    arm's model."""
     arm = make_arm(config, make_robot(config))
     if arm is None:
         return ""
@@ -237,7 +233,7 @@ def servo_in_words(config: SessionConfig) -> str:
 
 
 def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
-    """A reference that is faster than its robot runs into the maximum lead; better to say so."""
+    """Refuse a reference faster than its robot, which would run into the maximum lead."""
     for name in ("linear_speed_m_s", "angular_speed_rad_s"):
         asked, most = getattr(limits, name), getattr(robot, name)
         if most is not None and asked > most:
@@ -255,8 +251,8 @@ def load_config(path: Path) -> SessionConfig:
 
 
 def checked_config(tables: Mapping[str, Any]) -> SessionConfig:
-    """A configuration already read, the options of drivers and filters included. ConfigurationError
-    names its fault."""
+    """Check a configuration already read, the options of drivers and filters included.
+    ConfigurationError names its fault."""
     try:
         config = parse_config(tables)
     except ConfigurationError as error:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def cautions(config: SessionConfig) -> list[str]:
-    """Return warnings: those of the drivers about their options, bodies that nothing keeps apart or
+    """Return warnings: those of the drivers about their options, bodies that are not kept apart or
     that overlap at home, and a singular home."""
     drivers = {"robot": config.robot, "device": config.device}
     found = [
@@ -32,7 +32,7 @@ def cautions(config: SessionConfig) -> list[str]:
         for words in make_driver(table, key).cautions()
     ]
     if config.device is not None:
-        # Of a device on another computer.
+        # The device is on another computer.
         given_s = config.device.options.get("max_age_s", 0.0)
         least_s = config.watchdogs.device_age_s
         if given_s > least_s:
@@ -53,7 +53,7 @@ def cautions(config: SessionConfig) -> list[str]:
 def arm_cautions(
     model: ArmModel, obstacles: Sequence[Obstacle] = (), collisions: bool = True
 ) -> list[str]:
-    """Those of an arm; not `collisions`: bodies are never kept apart."""
+    """Return the warnings about an arm. Without `collisions` bodies are never kept apart."""
     found = []
     if collisions:
         if bare := model.links_without_body():
@@ -65,7 +65,7 @@ def arm_cautions(
 
 
 def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
-    """Pairs of bodies that are left out, and those that overlap at home."""
+    """Return pairs of bodies that are left out, and those that overlap at home."""
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
 
@@ -89,7 +89,8 @@ def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
 
 
 def _overlaps(bodies: CollisionModel, model: ArmModel) -> dict[tuple[str, str], tuple[float, int]]:
-    """By the names of two bodies that overlap at home their distance, m, and the pair's index."""
+    """Return the distance, m, and the pair's index of each two bodies that overlap at home, by
+    their names."""
     from cardan.common.arm_libraries import np
 
     found: dict[tuple[str, str], tuple[float, int]] = {}
@@ -101,7 +102,8 @@ def _overlaps(bodies: CollisionModel, model: ArmModel) -> dict[tuple[str, str], 
 
 
 def _touching_neighbors(config: SessionConfig, model: ArmModel) -> list[str]:
-    """Bodies of neighbors that overlap with the arm's where both arms are at home."""
+    """Return warnings about bodies of neighbors that overlap with the arm's while both arms are at
+    home."""
     if not config.neighbors:
         return []
     from cardan.gateway.kinematics.arm import ArmKinematics

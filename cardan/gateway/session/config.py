@@ -1,7 +1,7 @@
 """A session's configuration: the tables of a TOML file, checked as a whole.
 
-The tables are the options of the parts that they set, where a part has options of its own. Every
-error names the key, the fault of the value, and the allowed values.
+A table is the options of its part, if the part has options of its own. Every error names the key,
+the fault of the value, and the allowed values.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ from cardan.types import Pose, Vector3
 Part = TypeVar("Part")
 
 LONGEST_STOP_S = 0.5
-"""An arm that needs longer to stop goes on for more than its operator expects: at 0.25 m/s it
-brakes over 6 cm."""
+"""Longest stop without consent: an arm that takes longer moves farther than its operator expects,
+at 0.25 m/s over 6 cm."""
 
 LONGEST_ACCEPTED_STOP_S = 2.0
-"""An arm that needs longer to stop is not under anybody's hand, whatever its operator accepts."""
+"""Longest stop that an operator can accept: an arm that takes longer is out of control."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsTable(ReferenceLimits):
-    """``[limits]``: bounds of the reference, whatever the operator asks."""
+    """``[limits]``: bounds of the reference for any request of the operator."""
 
     i_accept_long_stops: bool = False
 
@@ -61,7 +61,7 @@ class ArmTable(ArrivalOptions):
     """``[arm]``: the model by which joints are commanded; without it the robot is sent poses."""
 
     model: Annotated[str, bounds.ARM_FILE]
-    """One of our arms, or the path of a .toml or .urdf file."""
+    """Name of an arm of the package, or the path of a .toml or .urdf file."""
     policy: Policy = ServoOptions.policy
     tool_xyz_m: Place = (0.0, 0.0, 0.0)
     tool_rpy_deg: Angles = (0.0, 0.0, 0.0)
@@ -69,53 +69,55 @@ class ArmTable(ArrivalOptions):
     """Share of the joints' speeds."""
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
     collisions: bool = True
-    """Whether the arm keeps away from itself and from the obstacles."""
+    """Keep the arm away from itself and from the obstacles."""
     i_accept_links_without_bodies: bool = False
-    """Obstacles beside an arm of which they do not stop every link."""
+    """Accept obstacles even if some links have no bodies, and do not keep away from them."""
     safety_distance_m: Annotated[float, bounds.SAFETY_DISTANCE_M] = ServoOptions.safety_distance_m
     tcp_tolerance_m: Annotated[float, bounds.TCP_TOLERANCE_M] | None = None
-    """Most that the controller's own TCP may differ from the model's before the arm is not moved;
-    None: 2 mm where poses are sent, 20 mm where joints are."""
+    """Largest difference between the controller's own TCP and the model's at which the arm is
+    moved; None: 2 mm if poses are sent, 20 mm if joints are."""
 
     @property
     def has_no_tool(self) -> bool:
-        """Whether the TCP is the model's own."""
+        """True if the TCP is the model's own."""
         return not any((*self.tool_xyz_m, *self.tool_rpy_deg))
 
     def tool(self) -> Pose:
-        """The TCP in the model's own."""
+        """The TCP, relative to the model's own."""
         return Pose(Vector3(*self.tool_xyz_m), from_rpy_deg(self.tool_rpy_deg))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObstacleTable(SolidTable):
-    """One of ``[[obstacles]]``: something solid in the arm's base frame."""
+    """Table of ``[[obstacles]]``: a solid body in the arm's base frame."""
 
     FORMS: ClassVar[Mapping[str, str]] = {**SolidTable.FORMS, "plane": "[normal, offset]"}
 
     plane: tuple[Direction, Coordinate] | None = None
-    """Normal out of the solid, and how far along it the surface is, m."""
+    """Normal out of the solid, and the distance of the surface along it, m."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NeighborTable(Options):
-    """One of ``[[neighbors]]``: another arm, whose moving bodies this one keeps away from."""
+    """Table of ``[[neighbors]]``: another arm, whose moving bodies this one keeps away from."""
 
     name: str
     model: Annotated[str, bounds.ARM_FILE]
-    """One of our arms, or the path of a .toml or .urdf file."""
+    """Name of an arm of the package, or the path of a .toml or .urdf file."""
     topic: str
     """Topic of its joint states on the network: "/right/joint_states"."""
     base_xyz_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
-    """Where its model's base is in this arm's; None: both are arms of one robot, whose description
-    says it."""
+    """Base of its model in that of this arm; None: both are arms of one robot, whose description
+    has it."""
     base_rpy_deg: Angles = (0.0, 0.0, 0.0)
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
-    """Share of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
+    """Share of its joints' accelerations, as in its own session's [arm]: determines its stopping
+    time."""
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs that always touch and are not kept apart: a body of this arm and one of it."""
+    """Pairs that always touch and are not kept apart: a body of this arm and a body of the
+    neighbor."""
     max_age_s: Annotated[float, bounds.NEIGHBOR_AGE_S] = 0.15
-    """While its newest joint states are older, this arm brakes and is not moved."""
+    """Age of its newest joint states above which this arm brakes and is not moved."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -149,7 +151,7 @@ class HapticConfig(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceConfig(Options):
-    """Tables that ``cardan devices force`` reads of a file: neither device nor robot is needed."""
+    """Tables that ``cardan devices force`` reads of a file: it needs neither device nor robot."""
 
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()
@@ -234,11 +236,11 @@ class SessionConfig(Options):
 
     @property
     def gives_force(self) -> bool:
-        """Whether the hand is to feel anything."""
+        """True if a haptic device is to render force."""
         return bool(self.fixtures) or not isinstance(self.force, NoForceTable)
 
     def buttons(self) -> list[tuple[str, str]]:
-        """The buttons of the operator device that have a meaning, after their keys."""
+        """Buttons of the operator device with a meaning, after their keys."""
         mapping = self.mapping
         found = [("mapping.deadman", button) for button in mapping.deadman_buttons]
         found += [
@@ -290,13 +292,13 @@ class SessionConfig(Options):
 def parse_config(table: Mapping[str, Any], from_file: bool = True) -> SessionConfig:
     """Check a configuration already read; ConfigurationError names the first wrong key.
 
-    Not `from_file`: it comes from another program, with settings that only programs make.
+    Without `from_file` it comes from another program, with settings that files do not have.
     """
     return read_table(SessionConfig, table, from_file=from_file)
 
 
 def read_part(kind: type[Part], path: Path) -> Part:
-    """The tables of a file that `kind` has; all others may be anything."""
+    """Read the tables of a file that `kind` has; all others are ignored."""
     keys = keys_of(kind)
     with in_file(path):
         tables = {key: each for key, each in read_toml(path).items() if key in keys}

@@ -1,4 +1,4 @@
-"""The operator device of a session that serves other sessions, too: its holder opens it.
+"""An operator device shared with other sessions: its holder opens it.
 
 While another session has the device it is closed here: its link is CLOSED, so the arm brakes, holds
 and is disarmed, and has to be re-armed before it moves again.
@@ -18,32 +18,32 @@ GIVE: Final = b"give the device"
 """Packets of the supervisor."""
 
 AGAIN_S: Final = 0.5
-"""Pause before a device that could not be opened is tried again: the session that had it may still
-be closing it."""
+"""Pause before the next attempt to open a device: the session that had it may still be closing
+it."""
 
 
 class DeviceLease:
-    """Opens and closes a device beside the session's loop, because that takes time."""
+    """Opens and closes a device beside the session's loop, because both take time."""
 
     def __init__(self, device: OperatorDevice) -> None:
         """`device` is closed."""
         self._device = device
         self._wanted = False
         self.held = False
-        """Whether it is open."""
+        """True while it is open."""
         self.problem = ""
-        """Why it could not be opened."""
+        """Reason why it could not be opened."""
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._over = False
 
     def begin(self) -> None:
-        """Open it, before the loop begins. Raises the errors of its open()."""
+        """Open it before the loop begins. Raises the errors of its open()."""
         self._device.open()
         self._wanted = self.held = True
 
     def want(self, held: bool) -> None:
-        """Have the device opened or closed. Does not block."""
+        """Request that the device be opened or closed. Does not block."""
         with self._changed:
             self._wanted = held
             if self._thread is None:

@@ -1,4 +1,4 @@
-"""Makes devices and robots as their tables have them; nothing is opened."""
+"""Construction of devices and robots from their tables; nothing is opened."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from cardan.types import DeviceCapabilities, DeviceState, RobotCapabilities
 
 
 def make_driver(table: registry.DriverTable, key: str) -> Driver:
-    """The driver of a table, not opened yet; errors name `key`, which is "robot" for a robot's."""
+    """Make the driver of a table, not opened yet; errors name `key`, which is "robot" for a
+    robot's."""
     with below(key):
         driver = _driver_class(table.driver, RobotDriver if key == "robot" else OperatorDevice)
     with using_driver(table, key):
@@ -44,7 +45,7 @@ def using_driver(
 
 
 def _breach(driver: Driver) -> str:
-    """How a driver that is not open breaks its interface, in words; empty: not seen."""
+    """Return how a driver that is not open breaks its interface; empty if no breach was found."""
     calls: list[tuple[Callable[[], object], Any]] = [
         (driver.diagnosis, Sequence),
         (driver.cautions, Sequence),
@@ -66,7 +67,7 @@ def _breach(driver: Driver) -> str:
 
 
 def _driver_class(name: str, side: type[Driver]) -> type[Driver]:
-    """The class of a driver, which must be of this `side`: OperatorDevice or RobotDriver."""
+    """Return the class of a driver, which must be of this `side`: OperatorDevice or RobotDriver."""
     try:
         driver = registry.load(name)
     except ConfigurationError as error:
@@ -100,7 +101,7 @@ class WithDevice(Protocol):
 
 
 def make_device(config: WithDevice) -> OperatorDevice:
-    """The operator device that is configured, not opened yet."""
+    """Make the configured operator device, not opened yet."""
     if config.device is None:
         raise ConfigurationError("device", "is missing: which driver reads the operator device?")
     device = make_driver(config.device, "device")

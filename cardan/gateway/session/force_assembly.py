@@ -1,4 +1,4 @@
-"""Makes the force feedback of a session from its configuration; nothing is opened."""
+"""Construction of a session's force feedback from its configuration; nothing is opened."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SHAPED_FORCES = (RemoteForceTable, NetworkForceTable)
 
 
 def make_source(table: ForceTable) -> ForceSource | None:
-    """The source of a measured force, not opened yet; None where there is none."""
+    """Make the source of a measured force, not opened yet; None if there is none."""
     if isinstance(table, MeasuredForceTable):
         return MeasuredSource(reaction=table.sense == "reaction")
     if isinstance(table, ContactForceTable):
@@ -57,7 +57,7 @@ def make_source(table: ForceTable) -> ForceSource | None:
 
 
 def make_conditioner(table: ForceTable, source: ForceSource | None) -> Conditioner:
-    """Turns the source's readings into a force for the hand."""
+    """Make the conditioner that turns the source's readings into a force for the hand."""
     if source is None:
         return Conditioner(table)
     return Conditioner(table, rests_at_zero=source.rests_at_zero, shaped=source.shaped)
@@ -66,12 +66,12 @@ def make_conditioner(table: ForceTable, source: ForceSource | None) -> Condition
 def make_force(
     config: SessionConfig, device: OperatorDevice, robot: RobotDriver
 ) -> ForceRenderer | None:
-    """The force feedback of a session, not opened yet; None for a device without force."""
+    """Make the force feedback of a session, not opened yet; None for a device without force."""
     if not isinstance(device, HapticDevice):
         if config.gives_force:
             name = repr(config.device.driver if config.device else "no device")
             if getattr(device.options, "force", True) is False:
-                name += " without force = true"  # Of a device on another computer.
+                name += " without force = true"  # The device is on another computer.
             raise ConfigurationError(
                 "fixtures" if config.fixtures else "force.source",
                 f"{name} gives no force back to the hand; leave [force] and "
@@ -101,7 +101,7 @@ def make_force(
 
 
 def _check_forces(config: SessionConfig) -> None:
-    """Raise ConfigurationError where forces could not be mapped back to the hand."""
+    """Raise ConfigurationError if forces could not be mapped back to the hand."""
     if not config.gives_force:
         return
     if mirrors(config.mapping):
@@ -122,7 +122,7 @@ def _check_forces(config: SessionConfig) -> None:
 def _force_warnings(
     config: SessionConfig, device: HapticDevice, robot: RobotDriver
 ) -> tuple[str, ...]:
-    """Warnings about a force loop, from its numbers alone."""
+    """Return warnings about a force loop, from its parameters alone."""
     if not config.gives_force:
         return ()
     mapping, table, period_s = config.mapping, config.force, robot.capabilities.period_s

@@ -40,7 +40,7 @@ CONNECT_WITHIN_S = 10.0
 RETRY_S = 0.1
 
 LOOK_S = 0.2
-"""How soon an idle node checks whether it shall end."""
+"""Period at which an idle node checks whether it must end."""
 
 SAY_S = 5.0
 """Shortest time between two messages of the node."""
@@ -50,7 +50,7 @@ REST_M_S = 0.005
 
 
 class ForceNode:
-    """The node without its socket: a state in, a force out."""
+    """The node without its socket: takes a state, returns a force."""
 
     def __init__(self, config: ForceConfig, source: ForceSource | None) -> None:
         self._fixtures = FixtureSet(config.fixtures)
@@ -63,13 +63,13 @@ class ForceNode:
 
     @property
     def reason(self) -> str:
-        """Why no measured force is sent; empty when it is, or none is configured."""
+        """Reason why no measured force is sent; empty when it is, or none is configured."""
         if self._source is None:
             return ""
         return self._source.reason or self._conditioner.reason
 
     def force(self, message: StateMessage) -> ForceMessage:
-        """The force that belongs to the robot's state."""
+        """Return the force for the robot's state."""
         pose, force, stamp_s = message.pose, ZERO3, message.stamp_s
         velocity = ZERO3
         if pose is not None:
@@ -100,7 +100,7 @@ class ForceNode:
 def run_force_node(config: ForceConfig, path: str, seconds: float | None = None) -> int:
     """Serve the session that offers `path` until it ends, `seconds` are over, SIGINT or SIGTERM.
 
-    Prints READY and the path once it is connected; returns how many forces were sent. Raises
+    Prints READY and the path once it is connected; returns the number of forces sent. Raises
     AddressError when no session offers the socket, DriverError when the sensor cannot be opened or
     the session refuses this node.
     """
@@ -149,7 +149,7 @@ def _serve(session: socket.socket, node: ForceNode, ended: threading.Event, end_
 
 
 def _newest(session: socket.socket) -> bytes:
-    """Of the packets that lie there the last; empty when the session has ended."""
+    """Return the last of the waiting packets; empty when the session has ended."""
     packet = session.recv(MAX_PACKET_BYTES)
     while packet:
         try:

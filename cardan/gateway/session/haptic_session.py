@@ -1,8 +1,6 @@
-"""A haptic device on the network without an arm: another program computes its forces.
-
-This is the paper of 2026's wrapper: a program reads the stylus, drives a robot by any means, and
-publishes the haptic feedback. The device's own loop bounds all of it.
-"""
+"""Session of a haptic device on the network without an arm: another program computes its forces. It
+has the role of the wrapper in the paper of 2026: a program reads the stylus, drives a robot by any
+means, and publishes the haptic feedback. The device's own loop limits all of it."""
 
 from __future__ import annotations
 
@@ -38,34 +36,34 @@ PERIOD_S = 0.004
 """Period of the loop: a fifth of the 20 ms for which the device renders a command."""
 
 LARGEST_TORQUE_N_M = 1.0
-"""Three times the torque of a desktop device's joint: a larger value is one in mN·m, which YARP's
-own wrapper takes."""
+"""Largest accepted torque, three times that of a desktop device's joint: a larger value is in mN·m,
+the unit of YARP's own wrapper."""
 
 
 class LoneFeedback:
-    """Feedback that programs publish, rendered as long as it is fresh, and faded in as in a
-    session. Time is an argument."""
+    """Feedback published by programs, rendered while it is fresh, and faded in as in a session.
+    Time is an argument."""
 
     why_no_torques = ""
 
     def __init__(self, device: HapticDevice, haptic: IHapticDevice, max_age_s: float) -> None:
-        """`max_age_s`: a feedback that is older is not rendered."""
+        """`max_age_s`: age limit of a feedback."""
         self._device, self._haptic = device, haptic
         self._published = PublishedFeedback(max_age_s)
         self._enabling = ForceEnabling(device)
         self._engaged = self._rendered = False
-        """Whether it is rendered, and whether the device has let force out since it has been."""
+        """True while it is rendered, and true once the device has rendered force since."""
         self._share = 0.0
         """Share of the feedback that is faded in."""
         self._cycle_s = NEVER_S
         self._faults = 0
-        """Faults of the device, when it was engaged."""
+        """Fault count of the device when it was engaged."""
         self._ended = ""
-        """Why the stream ended; it is refused until it was stopped or silent."""
+        """Reason for the end of the stream; it is refused until it was stopped or silent."""
         self._heard_s = NEVER_S
 
     def give(self, publisher: int, sequence: int, asked: Vector3, now_s: float) -> str:
-        """Take a feedback. Returns why it is not taken, or not rendered."""
+        """Take a feedback. Return why it is not taken, or not rendered."""
         silent = now_s - self._heard_s > LEASE_S
         self._heard_s = now_s
         if silent:
@@ -81,15 +79,15 @@ class LoneFeedback:
         return self._published.give(publisher, sequence, asked, now_s) or self._enabling.refusal
 
     def stop(self) -> str:
-        """No feedback until the next, which may be anybody's."""
+        """Render no feedback until the next one, from any publisher."""
         self._published.stop()
         self._ended = ""
         self._release()
         return ""
 
     def cycle(self, now_s: float) -> None:
-        """Render the newest feedback, or none. Several times in the time that the device holds
-        a command."""
+        """Render the newest feedback, or none. Called several times in the time that the device
+        holds a command."""
         dt_s, self._cycle_s = now_s - self._cycle_s, now_s
         asked = None if self._published.stopped else self._published.fresh(now_s)
         if asked is None or self._ended:
@@ -133,8 +131,8 @@ class LoneFeedback:
 def serve_haptic(config: HapticConfig, seconds: float | None = None) -> None:
     """Serve the configured device until `seconds` are over or a signal ends it.
 
-    Prints READY and the name of its node once it serves. Raises DriverError when the device cannot
-    be opened or the bus not be joined, ConfigurationError where another node has its name,
+    Prints READY and the name of its node once it serves. Raises DriverError if the device cannot be
+    opened or the bus cannot be joined, ConfigurationError if another node has its name,
     ExtraMissingError.
     """
     options = config.network

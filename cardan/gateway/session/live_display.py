@@ -1,4 +1,4 @@
-"""A panel that is drawn anew in its place on a terminal."""
+"""Panel that is redrawn in place on a terminal."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cardan.common import output
 
 
 class LivePanel:
-    """Draws in its place on a terminal, less often on one that reads slowly; elsewhere nothing.
-    Only :meth:`update` draws: no other thread meets a terminal that has gone. A `transient` one is
-    wiped at the end."""
+    """Panel redrawn in place on a terminal, less often on one that reads slowly; without a terminal
+    nothing. Only :meth:`update` draws, so no other thread meets a closed terminal. A `transient`
+    panel is erased at the end."""
 
     def __init__(self, console: Console, *, transient: bool = True) -> None:
         self._console, self._transient = console, transient
@@ -22,7 +22,7 @@ class LivePanel:
 
     @property
     def drawn(self) -> bool:
-        """Whether it is open, and on a terminal."""
+        """True if it is open, and on a terminal."""
         return self._live is not None
 
     def __enter__(self) -> LivePanel:
@@ -40,6 +40,6 @@ class LivePanel:
             self._live = None
 
     def update(self, picture: RenderableType) -> None:
-        """Draw `picture`, unless the terminal has not read the one before."""
+        """Draw `picture`, unless the terminal has not read the previous one."""
         if self._live is not None and not output.is_behind():
             self._live.update(picture, refresh=True)

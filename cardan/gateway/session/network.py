@@ -1,4 +1,4 @@
-"""A session on the network: shows its arm to the bus, and takes commands from there."""
+"""Network interface of a session: publishes its arm on the bus, and takes commands from there."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do
 _log = logging.getLogger(__name__)
 
 TWINS_PERIOD_S = 0.1
-"""How often it looks for others of its name."""
+"""Period of checks for other nodes of its name."""
 
 NO_FEEDBACK = (
     "this session takes no feedback from the network: its forces are those of its own [force] and "
@@ -71,18 +71,18 @@ class SessionFeedback:
     )
 
     def __init__(self, haptic: IHapticDevice, source: NetworkSource | None) -> None:
-        """`source`: None where the session has another, or none."""
+        """`source`: None if the session has another, or none."""
         self._haptic = haptic
         self._feedback = None if source is None else source.feedback
 
     def give(self, publisher: int, sequence: int, asked: Vector3, now_s: float) -> str:
-        """Take a force along the axes of the transformation. Returns why not."""
+        """Take a force along the axes of the transformation. Return why not."""
         if self._feedback is None:
             return NO_FEEDBACK
         return self._feedback.give(publisher, sequence, self._haptic.to_hand(asked), now_s)
 
     def stop(self) -> str:
-        """No force until the next feedback. Returns why not."""
+        """Render no force until the next feedback. Return why not."""
         if self._feedback is None:
             return NO_FEEDBACK
         self._feedback.stop()
@@ -103,7 +103,7 @@ class SessionNetwork:
         tables: Mapping[str, Any],
         scene: str = "",
     ) -> None:
-        """`offer` takes packets unless it is `full`, as :class:`RequestWorker` does; `tables`: the
+        """`offer` takes packets unless it is `full`, as in :class:`RequestWorker`; `tables`: the
         session's configuration; `scene`: that of the arm, as JSON."""
         self._scene = scene
         self._full = full
@@ -131,7 +131,7 @@ class SessionNetwork:
         force: ForceSource | None = None,
         neighbors: ArmNeighbors | None = None,
     ) -> None:
-        """Join the bus; `force`: the source of the session's measured force; `neighbors` are heard
+        """Join the bus; `force`: the source of the session's measured force; `neighbors` subscribe
         there. Raises DriverError, ConfigurationError, or ExtraMissingError."""
         self._node.join()
         if neighbors is not None:
@@ -239,16 +239,16 @@ class SessionNetwork:
         return tuple(said)
 
     def show_device(self, device: DeviceState, now_s: float) -> None:
-        """Publish the operator device, if it is time to."""
+        """Publish the operator device if it is due."""
         if self._device is not None:
             self._device.offer(device, now_s, time.time_ns())
 
     def rumble(self, now_s: float) -> float:
-        """How strongly the network asks the device to rumble, 0..1."""
+        """Return the rumble that the network requests of the device, 0..1."""
         return 0.0 if self._device is None else self._device.rumble(now_s)
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time to publish the state."""
+        """Return whether the state is due for publication."""
         return self._topics.due(now_s)
 
     def publish(

@@ -1,8 +1,6 @@
-"""Runs a ``cardan`` command that ends when the program that launched it does, however that ends.
-
-Its standard input is a pipe to the launcher, which writes nothing: the kernel closes the other end
-with the launcher, even one that is killed, and also where that has ended before the command began.
-"""
+"""Runs a ``cardan`` command that ends when its launcher does, for any reason. Its standard input is
+a pipe to the launcher, which writes nothing: the kernel closes the other end with the launcher,
+even after a kill, or if the launcher ended before the command began."""
 
 from __future__ import annotations
 
@@ -17,14 +15,12 @@ from types import FrameType
 from cardan.common.resource_errors import run
 
 LEAVE_WITHIN_S = 5.0
-"""Longest time for the command to end as it does by SIGTERM."""
+"""Longest time for the command to end after SIGTERM."""
 
 
 def main() -> None:
-    """Run the command in the arguments after the first, which is a folder of the launcher's.
-
-    The folder is removed where the launcher cannot do it any more; empty: there is none.
-    """
+    """Run the command in the arguments after the first, which is a folder of the launcher's. The
+    folder is removed if the launcher no longer can; empty: there is none."""
     folder = sys.argv.pop(1)
     launcher_is_gone = threading.Event()
 

@@ -1,7 +1,5 @@
-"""The parts of a session beside its arm's controller: each does its own once a command has left.
-
-All methods are for the loop's thread. Times are monotonic, in s.
-"""
+"""Parts of a session beside its arm's controller: each runs after a command has been sent. All
+methods are for the loop's thread. Times are monotonic, in s."""
 
 from __future__ import annotations
 
@@ -62,10 +60,10 @@ if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do
     from cardan.gateway.session.network import SessionNetwork
 
 REFUSAL_SHOWN_S: Final = 3.0
-"""For so long it is shown why a press of the enable button was refused."""
+"""Time for which the refusal of a press of the enable button is shown."""
 
 LISTEN_PERIOD_S: Final = 0.025
-"""Period of reading the channel while the supervisor only beats: a system call, saved in most
+"""Period of reading the channel while the supervisor sends only beats: saves a system call in most
 cycles. After its first request the channel is read in each cycle."""
 
 PACKETS_AT_ONCE: Final = 16
@@ -84,7 +82,7 @@ class Now(NamedTuple):
 
 @dataclass(frozen=True)
 class Whole:
-    """The session as its parts share it."""
+    """Session data shared by its parts."""
 
     config: SessionConfig
     robot: RobotDriver
@@ -97,12 +95,13 @@ class Whole:
 
     @cached_property
     def calls(self) -> RobotCalls:
-        """Around calls of the robot's driver."""
+        """Context around calls of the robot's driver."""
         return RobotCalls(self.robot)
 
     def tcp(self, state: RobotState) -> Pose | None:
-        """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
-        the robot reports joints alone. None where a lost robot's is not known."""
+        """Return the measured TCP: the robot's own pose, or the pose by the arm's model if that has
+        a tool or the robot reports joints alone. None if the position of a lost robot is unknown.
+        """
         commanded, arm = self.controller.commanded, self.config.arm
         # A verb may have changed the tool.
         same_tool = commanded.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
@@ -115,7 +114,7 @@ class Part:
     """Base of a part of a session; a part overrides only the hooks that it needs."""
 
     fault = ""
-    """Why no source may move the arm now; empty while one may."""
+    """Reason why no source may move the arm now; empty while one may."""
 
     def __init__(self, whole: Whole) -> None:
         self.whole = whole
@@ -123,23 +122,23 @@ class Part:
         """Times that `after` takes, in some of the cycles."""
 
     def open(self) -> None:
-        """Before the robot is opened. Raises DriverError or ConfigurationError."""
+        """Prepare before the robot is opened. Raises DriverError or ConfigurationError."""
 
     def begin(self, now_s: float) -> None:
-        """The first cycle comes."""
+        """Prepare for the first cycle."""
 
     def after(self, cycle: Cycle, now_s: float) -> None:
-        """Once in each cycle, after its command has left."""
+        """Run once in each cycle, after its command has been sent."""
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
-        """Ten times a second: fill in the part's own fields, and add to the diagnosis."""
+        """Fill in the part's own fields ten times a second, and add to the diagnosis."""
 
     def close(self) -> None:
-        """The robot is closed, or was never opened. Never raises; twice is fine."""
+        """Clean up after the robot was closed, or never opened. Never raises; twice is fine."""
 
 
 class Figures(Part):
-    """The arm: its status, the latency of its answers, its following error."""
+    """Figures of the arm: its status, the latency of its answers, its following error."""
 
     def __init__(self, whole: Whole) -> None:
         super().__init__(whole)
@@ -197,7 +196,7 @@ class Figures(Part):
         )
 
     def _arm(self, status: ArmStatus, now_s: float, reference: tuple[float, ...]) -> ArmSnapshot:
-        """`reference`: the one before."""
+        """Fill in the arm's snapshot. `reference`: the previous one."""
         authority, controller, pose = status.authority, self.whole.controller, status.pose
         arm = status.arm
         return ArmSnapshot(
@@ -247,7 +246,8 @@ class Figures(Part):
 
 
 class Gripper(Part):
-    """The gripper on an output of the robot: buttons of the operator device and verbs move it."""
+    """The gripper on an output of the robot, moved by buttons of the operator device and by
+    verbs."""
 
     _closed = False
 
@@ -260,7 +260,7 @@ class Gripper(Part):
         snapshot.gripper_closed = self._closed
 
     def act(self, action: Action) -> None:
-        """Act for a verb, from any thread."""
+        """Carry out an action for a verb, from any thread."""
         if action is Action.STOP:
             raise CommandError("a gripper on an output of the robot cannot stop half way")
         closed = action is Action.CLOSE
@@ -287,7 +287,7 @@ class Gripper(Part):
 
 
 class Operator(Part):
-    """The operator device: its holder, its buttons beside motion, the filters behind it."""
+    """The operator device: its lease, its buttons beside motion, and the filters."""
 
     def __init__(
         self, whole: Whole, device: OperatorDevice, lease: DeviceLease, begins_with_device: bool
@@ -300,7 +300,7 @@ class Operator(Part):
         self._known_buttons: tuple[str, ...] = ()
         self._passes = 0
         self._refused, self._pressed_s = "", NEVER_S
-        """Why the last press of the enable button was refused."""
+        """Reason why the last press of the enable button was refused, and when."""
         self._opened: list[TwistFilter] = []
 
     def open(self) -> None:
@@ -373,7 +373,7 @@ class Operator(Part):
                 s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
 
     def _look_at_buttons(self) -> None:
-        """Report configured buttons that the device, open by now, does not have."""
+        """Report configured buttons that the open device does not have."""
         known = self._device.capabilities.buttons
         if known == self._known_buttons:
             return
@@ -399,7 +399,7 @@ class Feedback(Part):
         self._feedback = OperatorFeedback(whole.config.feedback, ())
 
     def open(self) -> None:
-        """Set the feedback that the device can show: an open one may be able to do more."""
+        """Set the feedback that the device can show: an open device may have more channels."""
         channels = self._device.capabilities.feedback
         if channels != self._channels:
             self._channels = channels
@@ -415,14 +415,15 @@ class Feedback(Part):
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
         if self._lease.held:
-            with contextlib.suppress(Exception):  # The part of the operator says it.
+            with contextlib.suppress(Exception):  # The part of the operator reports it.
                 self.open()
 
     def close(self) -> None:
         self._send(self._feedback.last())
 
     def _send(self, feedback: DeviceFeedback | None) -> None:
-        """A light or motor that fails is no reason to stop: the link itself is watched."""
+        """Send feedback; a failing light or motor does not stop the session, since the link itself
+        is monitored."""
         if feedback is not None:
             with contextlib.suppress(Exception):
                 self._device.feedback(feedback)
@@ -480,7 +481,7 @@ class Requests(Part):
 
 
 class Neighbors(Part):
-    """Arms beside this one, that move by themselves; without them no source moves the arm."""
+    """Neighboring arms that move by themselves; while they are unknown no source moves the arm."""
 
     def __init__(self, whole: Whole, neighbors: ArmNeighbors) -> None:
         super().__init__(whole)
@@ -498,10 +499,10 @@ class Neighbors(Part):
 
 
 class BusPart(Part):
-    """The arm on the bus."""
+    """Part that connects the arm to the bus."""
 
     def __init__(self, whole: Whole, network: SessionNetwork, join: Callable[[], None]) -> None:
-        """`join` opens it."""
+        """`join` opens the network."""
         super().__init__(whole)
         self._network, self.open = network, join  # type: ignore[method-assign]
 
@@ -525,10 +526,11 @@ class BusPart(Part):
 
 
 class Supervisor(Part):
-    """The process that started this one: its beats and requests; it gets the snapshots."""
+    """Connection to the process that started this one: its beats and requests; it gets the
+    snapshots."""
 
     def __init__(self, whole: Whole, channel: socket.socket, gone: Callable[[str], None]) -> None:
-        """`gone` is called with words once that process is."""
+        """`gone` is called with the reason once that process has ended."""
         super().__init__(whole)
         self._channel: socket.socket | None = channel
         self._client, self._gone = ChannelClient(channel), gone
@@ -543,7 +545,7 @@ class Supervisor(Part):
             return
         worker, channel, lease = self.whole.worker, self._channel, self.whole.lease
         if channel is not None and not worker.full:
-            with contextlib.suppress(OSError):  # Nothing waits; or tell() finds out that it ended.
+            with contextlib.suppress(OSError):  # No packet waits; or tell() finds its end.
                 for _ in range(PACKETS_AT_ONCE):
                     packet = channel.recv(MAX_REQUEST_BYTES + 1)
                     if packet == BEAT:
@@ -571,7 +573,7 @@ class Supervisor(Part):
 
 
 def arm_feedback_of(status: ArmStatus) -> ArmFeedback:
-    """The feedback to the operator for `status`."""
+    """Return the feedback to the operator for `status`."""
     asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
     held = status.arm is not None and bool(status.arm.in_words())
     return ArmFeedback(

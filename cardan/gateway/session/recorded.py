@@ -1,4 +1,4 @@
-"""Records a session while it runs, by ``cardan net record`` in a process of its own."""
+"""Recording of a session while it runs, by ``cardan net record`` in a separate process."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from cardan.bus.router import RouterKeeper
 from cardan.gateway.session.subprocesses import CardanSubprocess
 
 LAST_S = 0.5
-"""How long the recorder goes on after the session has ended: its last messages are on their way."""
+"""Time for which the recorder continues after the end of the session: its last messages are on
+their way."""
 
 
 def why_incomplete(recorder: CardanSubprocess, path: Path) -> str:
-    """Why a recorder that has ended did not come to its end in good order; empty: it did, or says
-    itself which part is missing."""
+    """Return why a recorder did not end in good order; empty if it did, or if it reports itself
+    what is missing."""
     if recorder.code >= 0:
         return ""
     number = -recorder.code
@@ -32,13 +33,10 @@ def why_incomplete(recorder: CardanSubprocess, path: Path) -> str:
 
 @contextlib.contextmanager
 def recorded(options: BusOptions, path: Path, *join: str) -> Iterator[CardanSubprocess]:
-    """Record the bus that `options` are of into `path`; gives the recorder, which has its report
-    (`lines`, `code`) at the end.
-
-    `join` has the options of the bus for ``cardan net record``. The router is there before the
-    recorder, where it would be for the session to bring, so that the record has the first cycle.
-    Raises DriverError where it cannot record.
-    """
+    """Record the bus of `options` into `path`; yield the recorder, which has its report (`lines`,
+    `code`) at the end. `join`: options of the bus for ``cardan net record``. A router that the
+    session would start is started before the recorder, so that the record has the first cycle.
+    Raises DriverError if it cannot record."""
     with contextlib.closing(RouterKeeper(options)) as router:
         router.wait()
         recorder = CardanSubprocess("net", "record", "--output", str(path), *join)

@@ -1,7 +1,5 @@
-"""The Cartesian interface of a session in a process of its own.
-
-The session's loop has its own interpreter: the user's program does not delay it.
-"""
+"""The Cartesian interface of a session in a separate process. The session's loop has its own
+interpreter: the user's program does not delay it."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ def session_arm(
     source: str = VERBS,
     show: Callable[[Snapshot], None] = lambda _snapshot: None,
 ) -> RemoteArm:
-    """The arm of a session as configured, in a process of its own that begins with `open`.
+    """Make the arm of a configured session, whose process begins with `open`.
 
     ::
 
@@ -41,14 +39,14 @@ def session_arm(
             arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
             arm.wait()
 
-    While this process is stopped or gone, the arm brakes and holds, and verbs have to be asked for
-    anew. An operator device in the configuration moves the arm beside the verbs, and takes it from
-    them as [authority] says. `close` brakes to rest and ends the session.
+    When this process is stopped or ends, the arm brakes and holds, and motions must be requested
+    again. An operator device in the configuration moves the arm beside the verbs, with precedence
+    as in [authority]. `close` brakes to rest and ends the session.
 
-    `source`: name of this source, which gets the authority. `show` gets each snapshot of the
-    session, ten a second, in a thread of its own; an exception in it ends the session. Raises
-    ConfigurationError; `open` raises it, or DriverError, where the session cannot open what it
-    needs.
+    `source`: name of this client as a source, which gets the authority. `show` gets each snapshot
+    of the session, ten a second, in a separate thread; an exception in it ends the session. Raises
+    ConfigurationError; `open` raises it, or DriverError, if the session cannot open a device, robot
+    or network.
     """
     chosen = config if isinstance(config, SessionConfig) else load_config(Path(config))
     if why := why_no_verbs(chosen):
@@ -59,7 +57,8 @@ def session_arm(
 def _connect(
     config: SessionConfig, show: Callable[[Snapshot], None], arm: RemoteArm
 ) -> Callable[[], None]:
-    """Start the session; returns, when the robot's first state is there, what ends it."""
+    """Start the session; return, when the robot's first state is there, the function that ends
+    it."""
     process = SessionProcess(config)
     outcomes: list[SessionExit] = []
 
@@ -96,7 +95,7 @@ def _connect(
 
 
 def _why_it_ended(outcome: SessionExit) -> CardanError:
-    """The error that the session's own process raised, as far as its end shows."""
+    """Return the error that the session's process raised, as far as its end shows it."""
     words = outcome.last.error
     if outcome.exit_code == EXIT_CONFIGURATION:
         key, _, rest = words.partition(": ")

@@ -29,19 +29,18 @@ if TYPE_CHECKING:
 def scene_of(config: SessionConfig) -> str:
     """Return the scene of a session's arm, as JSON.
 
-    ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: those
-    that it has within the joints' limits, null where no arm is known. ``obstacles``: each
-    with its ``name`` and a ``box``, a ``capsule`` or a ``plane``. ``shapes``: those of the arm,
-    likewise, in the frame that is fixed to the link after ``joint``; "" is the base.
-    ``obstacle_m`` and ``own_body_m``: the distances that are kept to obstacles and between the
-    arm's own bodies; null where collisions are not avoided. ``links_without_body``: how many, and
-    which, in words; "" where all have one. ``neighbors``: of each its ``name``, the ``topic`` of
-    its joint states, ``max_age_s`` of these, its ``base`` in this one, its ``shapes``, as those of
-    the arm, and its ``joints`` from the base on: each by ``name``, where it is in the body before
-    at zero, and its ``axis``, along which it ``slides`` or about which it turns. ``visuals``: by
-    the name that the arm's description has for a visual mesh, the key by which the console has it;
-    ``visuals_left_out``: those that it has not, in words. ``home``: joints to begin from, null
-    where none are known.
+    ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: the
+    ranges within the joints' limits, null without an arm's model. ``obstacles``: each with its
+    ``name`` and a ``box``, a ``capsule`` or a ``plane``. ``shapes``: those of the arm, likewise, in
+    the frame that is fixed to the link after ``joint``; "" is the base. ``obstacle_m`` and
+    ``own_body_m``: the least distances to obstacles and between the arm's own bodies; null if
+    collisions are not avoided. ``links_without_body``: their number and names, as text; "" if all
+    have one. ``neighbors``: each with its ``name``, the ``topic`` of its joint states,
+    ``max_age_s`` of these, its ``base`` in this one, its ``shapes``, as those of the arm, and its
+    ``joints`` from the base on: each by ``name``, its pose at zero in the previous body, and its
+    ``axis``, along which it ``slides`` or about which it turns. ``visuals``: the console's key of
+    each visual mesh, by its name in the arm's description; ``visuals_left_out``: meshes that the
+    console lacks, as text. ``home``: joints to begin from, null if none are known.
     """
     table = config.arm if has_rigid_arm(config) else None
     avoids = table is not None and table.collisions

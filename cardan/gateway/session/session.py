@@ -1,8 +1,8 @@
 """A session: one robot, its sources, one plain loop in one thread of a process of its own.
 
-The robot is the clock: each of its control instants is answered from the loop's own turn, with
-no queue between. The process holds nothing else, because any other busy thread would show in the
-loop's latency; views and recorders live in other processes and get snapshots.
+The robot is the clock: each of its control instants is answered directly by the loop, without a
+queue. The process does nothing else, because any other busy thread would show in the loop's
+latency; views and recorders live in other processes and get snapshots.
 """
 
 from __future__ import annotations
@@ -56,17 +56,18 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.stop_and_requests import RequestWorker
 
 SNAPSHOT_PERIOD_S = 0.1
-"""A person reads no faster; at 250 Hz one tick in 25 bears the cost, after its answer was sent."""
+"""Period of snapshots: an operator reads no faster; at 250 Hz one tick in 25 bears the cost, after
+its answer was sent."""
 
 STOPPED_ON_REQUEST = "stopped on request"
-"""The ending of a session whose supervisor asked for it, as after a Ctrl-C."""
+"""Ending of a session on its supervisor's request, as after a Ctrl-C."""
 
 BRAKE_TIMEOUT_S = 5.0
 """Longest wait of a stopping session for its robot to come to rest."""
 
 
 class Session:
-    """The loop. Build it from a configuration with :func:`make_session`."""
+    """Loop of a session. Build it from a configuration with :func:`make_session`."""
 
     def __init__(
         self,
@@ -79,7 +80,7 @@ class Session:
         has_device: bool = True,
     ) -> None:
         """`channel`: the supervisor's beats and requests; `force`: that of a haptic device;
-        `has_device`: whether it begins with the device, which other sessions may have."""
+        `has_device`: whether it begins with the device, which other sessions may share."""
         self.device, self.robot, self.controller = device, robot, controller
         self.snapshot = Snapshot()
         self._config, self._link = config, LoopLink()
@@ -114,7 +115,7 @@ class Session:
             self._parts.append(Supervisor(whole, channel, self.stop))
 
     def stop(self, reason: str) -> None:
-        """Ask for the end: brake, hold, then leave. May be called from a signal handler."""
+        """Request the end: brake, hold, then leave. May be called from a signal handler."""
         self._stop_reason = self._stop_reason or reason
 
     def run(self, seconds: float = math.inf) -> Snapshot:
@@ -159,7 +160,7 @@ class Session:
         cycle = None
         for cycle in ArmLoop(self.robot, controller, self.device).cycles():
             now_s = monotonic()
-            # Everything from here on is bookkeeping: the answer has left.
+            # Everything from here on is bookkeeping: the answer has been sent.
             snapshot_is_due = now_s >= next_snapshot_s
             if snapshot_is_due:
                 self._account(cycle, now_s)
@@ -185,8 +186,8 @@ class Session:
         self._publish(cycle, monotonic() - start_s)
 
     def _heed_faults(self) -> None:
-        """While a part says so, no source moves the arm: the last part's words count, which is the
-        supervisor's where there is one."""
+        """Inhibit all sources while a part reports a fault: the last part's reason counts, which is
+        the supervisor's if there is one."""
         fault = ""
         for part in self._parts:
             fault = part.fault or fault
@@ -195,7 +196,7 @@ class Session:
             self.controller.inhibit(fault, Inhibit.WHILE_SAID)
 
     def _account(self, cycle: Cycle, now_s: float) -> None:
-        """A cycle's turn of the parts, with its cost for each."""
+        """Run the parts after a cycle, and measure the cost of each."""
         clock = time.perf_counter
         start_s = clock()
         for part in self._parts:
@@ -216,7 +217,7 @@ class Session:
 def make_session(
     config: SessionConfig, channel: socket.socket | None = None, has_device: bool = True
 ) -> Session:
-    """A session as configured, nothing opened yet."""
+    """Make a session as configured, nothing opened yet."""
     robot = make_robot(config)
     controller = make_controller(config, robot)
     device = None if config.device is None else make_device(config)

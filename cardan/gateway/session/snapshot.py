@@ -29,7 +29,7 @@ MAX_SNAPSHOT_BYTES = 65536
 
 @dataclass(frozen=True)
 class ArmSnapshot:
-    """The arm's controller."""
+    """State of the arm's controller."""
 
     phase: str = ""
     message: str = ""
@@ -37,13 +37,13 @@ class ArmSnapshot:
     authority: str = ""
     """Source with authority over the arm: "hand", "verbs", or a stream's owner; empty: none."""
     authority_s: float | None = None
-    """How long it has had it."""
+    """Time for which it has had it, s."""
     authority_refused: str = ""
-    """The source it was refused to last, and why."""
+    """The source that was last refused the authority, and why."""
     stops: int = 0
-    """Stops that were asked for, by whomever; of each, motion has to be enabled again."""
+    """Count of stops requested by any source; after each, motion must be enabled again."""
     stopped_by: str = ""
-    """Source of the newest one."""
+    """Source of the newest stop."""
     reference: tuple[float, ...] = ()
     """Commanded TCP: x y z in m, then w x y z."""
     twist: tuple[float, ...] = ()
@@ -53,33 +53,33 @@ class ArmSnapshot:
     filters: tuple[str, ...] = ()
     """Effects of shared control on the operator's motion."""
     path_speed: float | None = None
-    """Share of the asked speed that the arm can do; None without an arm's model."""
+    """Share of the requested speed that the arm can do; None without an arm's model."""
     clearance_m: float | None = None
     """Distance of the nearest pair of bodies."""
     nearest_pair: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     """Those of :data:`cardan.gateway.arm.status.LIMITS` that act now."""
     limits_in_words: tuple[str, ...] = ()
-    """Those of the arm's model."""
+    """The limits by the arm's model, as text."""
 
 
 @dataclass(frozen=True)
 class TrackingSnapshot:
-    """How the robot follows the reference, since the session's start."""
+    """The robot's following of the reference, since the session's start."""
 
     path_m: float = 0.0
-    """How far the reference has traveled."""
+    """Path length of the reference so far."""
     moving_s: float = 0.0
     error_m: float | None = None
     """Distance between reference and robot; None while it does not move."""
     error_rms_m: float = 0.0
-    """The same, root of the mean square."""
+    """Root mean square of the distance."""
     error_max_m: float = 0.0
 
 
 @dataclass(frozen=True)
 class LoopSnapshot:
-    """The latency of the answers, and the age of the device's reports in them."""
+    """Latency of the answers, and age of the device's reports in them."""
 
     cycles: int = 0
     """Control instants of the robot that were answered."""
@@ -88,17 +88,17 @@ class LoopSnapshot:
     tick_max_s: float = 0.0
     tick_sum_s: float = 0.0
     tick_within: tuple[int, ...] = ()
-    """Answers that took no longer than each of BOUNDS_S."""
+    """Count of answers within each of BOUNDS_S."""
     inputs: int = 0
     """Cycles in which the operator device was live."""
     input_age_sum_s: float = 0.0
     input_age_within: tuple[int, ...] = ()
-    """Those whose newest report was no older than each of BOUNDS_S."""
+    """Count of cycles whose newest report was no older than each of BOUNDS_S."""
 
 
 @dataclass(frozen=True)
 class RobotSnapshot:
-    """The robot and its driver."""
+    """State of the robot and its driver."""
 
     link: str = ""
     hold_reason: str = ""
@@ -107,34 +107,33 @@ class RobotSnapshot:
     """Measured TCP: x y z in m, then w x y z."""
     utilization: float | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
-    """The driver's own figures."""
+    """Figures reported by the driver."""
     errors: Mapping[str, int] = field(default_factory=dict)
-    """Messages of the robot that could not be used, by kind."""
+    """Unusable messages of the robot, by kind."""
 
     @property
     def missed_cycles(self) -> int:
-        """Control instants that never arrived here, or that had passed before they were
-        answered."""
+        """Control instants that never arrived here, or were answered too late."""
         return int((self.metrics.get("lost") or 0) + (self.metrics.get("superseded") or 0))
 
 
 @dataclass(frozen=True)
 class DeviceSnapshot:
-    """The operator device and its driver."""
+    """State of the operator device and its driver."""
 
     link: str = ""
     reason: str = ""
     held: bool = True
-    """False: another session has the device."""
+    """False while another session has the device."""
     passes: int = 0
-    """How often the operator asked to pass the device on to the next session."""
+    """Count of the operator's requests to pass the device on to the next session."""
     axes: tuple[float, ...] = ()
     buttons: tuple[str, ...] = ()
     battery: float | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
-    """The driver's own figures; empty while another session has the device."""
+    """Figures reported by the driver; empty while another session has the device."""
     errors: Mapping[str, int] = field(default_factory=dict)
-    """Messages of the device that could not be used, by kind."""
+    """Unusable messages of the device, by kind."""
 
 
 @dataclass
@@ -145,17 +144,17 @@ class Snapshot:
     finished: bool = False
     """True for the last snapshot of a session."""
     ending: str = ""
-    """Why the session ends, once it was asked to or its time is over."""
+    """Reason for the end of the session, once it was requested or the time is over."""
     error: str = ""
-    """Why the session ended, when it did not end as asked."""
+    """Reason for an end of the session that was not requested."""
     scheduling: str = ""
-    """How the system runs the loop: "real time", "raised priority" or "ordinary"."""
+    """Scheduling of the loop by the system: "real time", "raised priority" or "ordinary"."""
     diagnosis: list[str] = field(default_factory=list)
     """Problems, worst first: robot, device, then filters."""
     part_cost_s: Mapping[str, float] = field(default_factory=dict)
     """Mean time of each part of the session in a cycle, after its answer."""
     refusals: Mapping[str, int] = field(default_factory=dict)
-    """Requests that were refused, by kind."""
+    """Count of refused requests, by kind."""
     gripper_closed: bool = False
     arm: ArmSnapshot = field(default_factory=ArmSnapshot)
     tracking: TrackingSnapshot = field(default_factory=TrackingSnapshot)
@@ -166,7 +165,7 @@ class Snapshot:
     contact: ContactSnapshot = field(default_factory=ContactSnapshot)
 
     def to_bytes(self) -> bytes:
-        """Encode as one packet. Figures that are not numbers travel as null."""
+        """Encode as one packet. Values that are not numbers are sent as null."""
         try:
             return _encode(self).encode()
         except ValueError:
@@ -175,14 +174,15 @@ class Snapshot:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Snapshot:
-        """From one packet. Its texts are made printable: much of them came over a wire."""
+        """Decode from one packet. Its texts are made printable: many of them came from a
+        network."""
         fields = json.loads(data)
         return cls.of(fields if _is_printable(data) else _printable(fields))
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> Snapshot:
-        """From its JSON. Of another version of Cardan, the fields that both know; a figure that is
-        null is not known."""
+        """Decode from its JSON. Fields unknown to either version are ignored; a value that is null
+        is unknown."""
         return _updated(cls(), fields)
 
 
@@ -203,8 +203,8 @@ _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=vars)
 
 
 def _is_printable(data: bytes) -> bool:
-    """Whether all texts in JSON are printable for certain: it allows no control characters but DEL
-    without an escape."""
+    """Return whether all texts in JSON are certainly printable: it allows no control characters but
+    DEL without an escape."""
     return data.isascii() and b"\\" not in data and b"\x7f" not in data
 
 

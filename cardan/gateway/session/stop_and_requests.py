@@ -1,9 +1,7 @@
-"""Carries out stops and other requests to a session beside its loop, which only passes packets on.
-
+"""Worker for stops and other requests to a session, beside its loop, which only passes packets on.
 Two threads, which begin with the first request: one decodes and carries out quick requests, so that
 `stop` acts at once during any other; the other plans or waits for rest, one request after the
-other.
-"""
+other."""
 
 from __future__ import annotations
 
@@ -44,40 +42,41 @@ if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do
     from cardan.gateway.arm.verb_methods import ArmVerbs
 
 GONE = "the node that asked is gone"
-"""Why a motion without end was ended, or not begun."""
+"""Reason for ending or not beginning a motion without end."""
 
 MAX_PENDING = 32
-"""Largest number of requests that wait for the ones before them: more are refused."""
+"""Largest number of requests that wait for earlier ones: more are refused."""
 
 MAX_WAITS = 8
 """Largest number of requests that wait for a motion's end, each in a thread of its own."""
 
 MALFORMED, VERB, BUSY = "malformed", "verb", "busy"
 REFUSALS = (MALFORMED, VERB, BUSY)
-"""Why requests are refused: they are none; their verb cannot be done, or not now; too many wait."""
+"""Kinds of refusals: malformed requests, verbs that cannot be done now, and too many waiting
+requests."""
 
 SEND_TIMEOUT_S = 1.0
-"""Longest wait of a reply for its reader; one that is silent for half of it holds the arm."""
+"""Longest wait of a reply for its reader; a reader silent for half of it blocks the arm."""
 
 _BEGINNING = SEQUENCED & QUICK
-"""Streamed commands that plan only where they begin their stream."""
+"""Streamed commands that plan only to begin their stream."""
 
 
 class Requester(Protocol):
-    """Where requests come from and their answers go. The worker's threads call it."""
+    """Origin of requests and receiver of their answers. Called by the worker's threads."""
 
     def decode(self, packet: Any) -> Request | None:
         """Return the request in an offered packet; None if it is answered already. Raises
         PacketError."""
 
     def done(self, request: Request, result: Any) -> None:
-        """A request was carried out; `result` is the verb's, a motion as its note."""
+        """Report that a request was carried out; `result` is the verb's, a motion as its note."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """The request with this id, or a malformed one, was refused."""
+        """Report that the request with this id, or a malformed one, was refused."""
 
     def ended(self, note: MotionNote) -> None:
-        """A motion that `done` reported has ended."""
+        """Report the end of a motion that `done` reported."""
 
 
 class ChannelClient:
@@ -87,7 +86,7 @@ class ChannelClient:
         self._channel = channel
 
     def decode(self, packet: Any) -> Request:
-        """From one packet. Raises PacketError."""
+        """Decode from one packet. Raises PacketError."""
         return decode_request(packet)
 
     def done(self, request: Request, result: Any) -> None:
@@ -103,7 +102,7 @@ class ChannelClient:
         self.send(encode_note(note))
 
     def send(self, packet: bytes) -> None:
-        """Send a packet; it is lost where the supervisor is gone, or does not read."""
+        """Send a packet; it is lost if the supervisor has ended, or does not read."""
         try:
             self._channel.send(packet)
         except BlockingIOError:
@@ -119,7 +118,7 @@ class _Begun(NamedTuple):
     motion: Motion
     client: Requester
     there: Callable[[], bool] | None
-    """As the request has it."""
+    """Return whether its client is connected, as in the request."""
 
 
 class _Packet(NamedTuple):
@@ -129,14 +128,14 @@ class _Packet(NamedTuple):
     packet: Any
     received_s: float
     late_s: float
-    """How long it may have waited before it was received."""
+    """Longest time that it may have waited before it was received."""
 
 
 _ENDED = {
     "stop": "the arm was stopped before it began",
     "release": "its source gave up its authority before it began",
 }
-"""Verbs that cancel motions requested before them and not begun, with the reason."""
+"""Verbs that cancel earlier motions that have not begun, with the reason."""
 
 
 @dataclass(eq=False)
@@ -145,16 +144,16 @@ class _Job:
     request: Request
     received_s: float
     late_s: float
-    """How long it may have waited before it was received."""
+    """Longest time that it may have waited before it was received."""
     ended_by: str = ""
-    """The verb of _ENDED that came after it; empty: none."""
+    """Verb of _ENDED that came after it; empty: none."""
 
 
 class RequestWorker:
     """Answers the requests of all clients of a session.
 
-    `offer` and `attend` are for the loop's thread; neither blocks. `link` is attended to by the
-    loop once `busy`.
+    `offer` and `attend` are for the loop's thread; neither blocks. The loop attends `link` once
+    `busy`.
     """
 
     def __init__(
@@ -164,14 +163,14 @@ class RequestWorker:
         stop: Callable[[str, str], None],
         clock: Callable[[], float],
     ) -> None:
-        """`make_verbs` is called at the first request, beside the loop; an error of it is the
-        answer. `stop` brakes the arm at once, for a reason and a source that asks ("": none does);
-        `clock` is that of `offer`."""
+        """`make_verbs` is called at the first request, beside the loop; its error is the answer.
+        `stop` brakes the arm at once, for a reason and a requesting source ("": none); `clock` is
+        that of `offer`."""
         self._refused = dict.fromkeys(REFUSALS, 0)
-        """Counted in several threads: under the lock."""
+        """Counts of several threads: under the lock."""
         self._counting = threading.Lock()
         self.busy = False
-        """Whether there was a request yet."""
+        """True after the first request."""
         self._link = link
         self._make_verbs, self._stop, self._clock = make_verbs, stop, clock
         self._verb_server: VerbServer | None = None
@@ -183,12 +182,12 @@ class RequestWorker:
         self._turned_s = NEVER_S
         self._late_s = 0.0
         self._beginning: deque[tuple[Requester, str]] = deque()
-        """Senders of the streamed commands that wait because their stream is to begin, in order."""
+        """Senders of streamed commands that wait for their stream to begin, in order."""
         self._under_way: list[_Job] = []
         """Jobs of the planning thread, with the present one."""
         self._ordering = threading.Lock()
         self._motions: dict[int, _Begun] = {}
-        """Motions that are not over, by the ids that their notes have."""
+        """Motions that are not over, by the ids in their notes."""
         self._ids = itertools.count(1)
         self._telling, self._making = threading.Lock(), threading.Lock()
         self._threads: list[threading.Thread] = []
@@ -197,16 +196,17 @@ class RequestWorker:
 
     @property
     def verbs(self) -> ArmVerbs | None:
-        """The verbs, once a client has asked for one."""
+        """The verbs, once a client has requested one."""
         return None if self._verb_server is None else self._verb_server.verbs
 
     @property
     def full(self) -> bool:
-        """Whether packets should stay where they are for now."""
+        """True if packets should not be offered for now."""
         return self._packets.qsize() >= MAX_PENDING
 
     def turn(self, now_s: float) -> None:
-        """Once a cycle, before `offer`: packets offered from now on came after the call before."""
+        """Mark a cycle, before `offer`: packets offered from now on arrived after the previous
+        call."""
         self._late_s = now_s - self._turned_s
         self._turned_s = now_s
 
@@ -221,8 +221,8 @@ class RequestWorker:
         self._packets.put(_Packet(client, packet, now_s, self._late_s))
 
     def attend(self) -> None:
-        """Once a cycle: run the verbs' work for the loop, find motions that are over, and end those
-        without end whose client is gone."""
+        """Run the verbs' work for the loop once a cycle, find motions that are over, and end those
+        without end whose client has disconnected."""
         self._link.attend()
         for motion, client, there in tuple(self._motions.values()):
             if motion.over:
@@ -233,7 +233,7 @@ class RequestWorker:
                 self._stop(GONE, "")
 
     def close(self) -> None:
-        """The loop has ended: answer all that is under way so, and end the threads."""
+        """Answer all pending requests with the loop's end, and end the threads."""
         self._packets.put(None)
         self._jobs.put(None)
         for thread in self._threads:
@@ -253,7 +253,7 @@ class RequestWorker:
                 self._count(MALFORMED)
                 client.refused(error.request, _cause(error))
                 continue
-            except Exception as error:  # The thread has `stop` to carry out, whatever comes.
+            except Exception as error:  # The thread must stay able to carry out `stop`.
                 self._count(MALFORMED)
                 client.refused(None, CardanError(repr(error)))
                 continue
@@ -288,8 +288,8 @@ class RequestWorker:
             self._jobs.put(job)
 
     def _waits_to_begin(self, job: _Job, verbs: ArmVerbs) -> bool:
-        """Whether a streamed command may choose its preset, which takes as long as planning, or
-        comes after one of its sender that waits to."""
+        """Return whether a streamed command may choose its preset, which takes as long as planning,
+        or follows a waiting one of its sender."""
         request, begins = job.request, job.request.begins
         with self._ordering:
             if request.verb in _BEGINNING and (job.client, request.source) in self._beginning:
@@ -326,7 +326,7 @@ class RequestWorker:
             gc.collect(1)
 
     def _perform(self, job: _Job) -> None:
-        """Carry out and answer; in the thread that the verb belongs to."""
+        """Carry out and answer, in the verb's thread."""
         request = job.request
         try:
             verb_server = self._opened()
@@ -377,7 +377,7 @@ class RequestWorker:
         return self._verb_server
 
     def refusals(self) -> dict[str, int]:
-        """Requests that were refused so far, by kind: of REFUSALS."""
+        """Refused requests so far, by kind: of REFUSALS."""
         return dict(self._refused)
 
     def _count(self, kind: str) -> None:
@@ -403,7 +403,7 @@ class RequestWorker:
                 self._motions[note.id] = _Begun(result, job.client, job.request.there)
 
     def _report_ended_motions(self) -> None:
-        """Report motions that are over; an answer that was sent before arrives before."""
+        """Report motions that are over; an answer sent earlier arrives earlier."""
         with self._telling:
             for number, (motion, client, _) in tuple(self._motions.items()):
                 if motion.over:
@@ -425,5 +425,5 @@ def _note(number: int, motion: Motion) -> MotionNote:
 
 
 def _cause(error: PacketError) -> CardanError:
-    """The sender's mistake: an argument that a verb does not take is refused as the verb would."""
+    """Return the sender's error: an invalid argument is refused as by the verb."""
     return error.__cause__ if isinstance(error.__cause__, CardanError) else error

@@ -1,4 +1,4 @@
-"""Runs ``cardan`` commands beside this process, each of which prints READY once it serves."""
+"""``cardan`` commands as subprocesses, each of which prints READY once it serves."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from cardan.common.text_sanitizer import printable
 from cardan.errors import DriverError
 
 READY_WITHIN_S = 20.0
-"""Longest time until it serves; importing takes a second on a slow machine."""
+"""Longest time until the command serves; importing takes a second on a slow machine."""
 
 END_WITHIN_S = 5.0
 """Longest time for its end in good order; then it is killed."""
 
 _AT_ONCE = 65536
-"""Bytes that are read at once: as many as a pipe holds."""
+"""Bytes per read: as many as a pipe holds."""
 
 _LAST_WORDS = 2000
 """Characters of its standard error that are kept."""
 
 
 class CardanSubprocess:
-    """``cardan WORDS`` from its start, once it serves, to its end. It ends with this process, too,
-    even if that is killed; Ctrl-C in the terminal does not reach it."""
+    """Subprocess ``cardan WORDS`` from its start to its end. It ends with this process, too, even
+    after a kill; Ctrl-C in the terminal does not reach it."""
 
     def __init__(
         self,
@@ -44,11 +44,9 @@ class CardanSubprocess:
         at: Sequence[str] = (),
     ) -> None:
         """Start it in `folder` (None: here), which is removed if this process is killed. It is
-        killed where it does not end within `end_within_s` of being asked to. `at`: words before the
-        command that execute it, such as nsenter's.
-
-        Raises DriverError if it does not serve in time; its output is on standard error then.
-        """
+        killed if it does not end within `end_within_s` of the request. `at`: words before the
+        command that execute it, such as nsenter's. Raises DriverError if it does not serve in time;
+        its output is on standard error then."""
         self._ready_within_s, self._end_within_s = ready_within_s, end_within_s
         self.code = 0
         """Exit code, once it has ended."""
@@ -62,8 +60,8 @@ class CardanSubprocess:
         self._name = shlex.join(itertools.islice(named, 3))
         self._log: IO[str] = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._unread = b""
-        """Output after the last line that was taken. No line may wait in a file's own buffer,
-        which a selector does not see."""
+        """Output after the last complete line. Lines must not wait in a file's own buffer, which a
+        selector does not see."""
         self._process = subprocess.Popen(
             [
                 *at,
@@ -110,7 +108,7 @@ class CardanSubprocess:
         )
 
     def end(self) -> None:
-        """Ask it to end, and wait; it is killed where it does not. Twice is fine."""
+        """Request its end, and wait; it is killed if it does not end. Twice is fine."""
         process, log = self._process, self._log
         if log.closed:
             return
@@ -134,7 +132,7 @@ class CardanSubprocess:
 def cardan_subprocess(
     *words: str, folder: Path | None = None, ready_within_s: float = READY_WITHIN_S
 ) -> Iterator[str]:
-    """Run ``cardan WORDS`` as :class:`CardanSubprocess` does; give its endpoint, then end it."""
+    """Run ``cardan WORDS`` as a :class:`CardanSubprocess`; yield its endpoint, then end it."""
     command = CardanSubprocess(*words, folder=folder, ready_within_s=ready_within_s)
     try:
         yield command.endpoint

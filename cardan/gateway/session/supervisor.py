@@ -1,4 +1,4 @@
-"""Starts a session in a process of its own and passes its snapshots to a view."""
+"""Supervisor of a session: starts it in a process of its own and passes its snapshots to a view."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from cardan.gateway.session.supervisor_heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.types import NEVER_S
 
 KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
-"""How long after it was asked to end a session is killed."""
+"""Time after which a session that was requested to end is killed."""
 
 LAST_OUTPUT_S = 0.5
 """Longest wait for the last lines of an ended session on standard error."""
@@ -42,7 +42,7 @@ _log = logging.getLogger(__name__)
 
 
 class SessionExit(NamedTuple):
-    """How a session ended."""
+    """Outcome of a session's process."""
 
     exit_code: int
     last: Snapshot
@@ -56,9 +56,9 @@ def _to_stderr(data: bytes) -> None:
 class SessionProcess:
     """A session in a process of its own, from its start to its end.
 
-    While `follow` reads its packets, beats are sent: if this process is stopped, or its view hangs,
-    the session's arm brakes and holds. It also keeps the router of the session's network, if that
-    is on this computer and no other process serves it.
+    While `follow` reads its packets, it sends beats: if this process is stopped, or its view hangs,
+    the session's arm brakes and holds. It also runs the router of the session's network, if that is
+    on this computer and no other process serves it.
     """
 
     def __init__(
@@ -70,13 +70,11 @@ class SessionProcess:
         has_device: bool = True,
         log_format: LogFormat = LogFormat.TEXT,
     ) -> None:
-        """Start it; `through` as :func:`supervise` has it. `has_device`: whether it begins with its
-        operator device, or waits until TAKE is sent.
-
-        `say` gets its standard output and standard error, in a thread of its own: if that blocks or
-        fails the words are lost, and nothing waits for them. It logs at the level of the logger
-        ``cardan`` of this process, each line as `log_format` has it.
-        """
+        """Start it; `through` as in :func:`supervise`. `has_device`: whether it begins with its
+        operator device, or waits until TAKE is sent. `say` gets its standard output and standard
+        error, in a thread of its own: if that blocks or fails the output is lost, and nothing waits
+        for it. It logs at the level of the logger ``cardan`` of this process, each line in
+        `log_format`."""
         self._config = config
         self._stopping = False
         self._give_up_s = math.inf
@@ -106,7 +104,7 @@ class SessionProcess:
                 stdout=saying_file,
                 stderr=saying_file,
                 pass_fds=(theirs.fileno(),),
-                # Ctrl-C is ours to translate into an orderly stop.
+                # This process translates Ctrl-C into an orderly stop.
                 start_new_session=True,
             )
             saying_file.close()
@@ -123,11 +121,11 @@ class SessionProcess:
         return self._process.pid
 
     def send(self, packet: bytes) -> None:
-        """Send a request. Raises OSError where the process has ended, or does not read any more."""
+        """Send a request. Raises OSError if the process has ended, or does not read any more."""
         self._channel.send(packet, socket.MSG_DONTWAIT)
 
     def stop(self) -> None:
-        """Ask it to brake, hold and leave. Safe in a signal handler."""
+        """Request that it brake, hold and leave. Safe in a signal handler."""
         if not self._stopping:
             self._stopping = True
             self._give_up_s = time.monotonic() + KILL_AFTER_S
@@ -139,12 +137,10 @@ class SessionProcess:
         poll: Callable[[], bool] = lambda: True,
         shown: Callable[[], bool] = lambda: True,
     ) -> SessionExit:
-        """Beat until it ends, and wait for its end; to be called once.
-
-        `take` gets each packet that it sends, and answers with the snapshot where it is one; an
-        exception in it asks the session to leave and goes on after. So does `poll`, called several
-        times a second, by returning False. No beat is sent while `shown` returns False.
-        """
+        """Send beats until it ends, and wait for its end; call it once. `take` gets each packet
+        that it sends, and returns the snapshot if it is one; an exception in it requests the
+        session's end and is raised afterwards. So does `poll`, called several times a second, by
+        returning False. No beat is sent while `shown` returns False."""
         last = Snapshot()
         with contextlib.closing(RouterKeeper(self._config.network)) as router:
 
@@ -164,7 +160,7 @@ class SessionProcess:
         return outcome
 
     def _packets(self, poll: Callable[[], bool], shown: Callable[[], bool]) -> Iterator[bytes]:
-        """Packets until it closes its end, or is to be killed."""
+        """Yield packets until the session closes its end, or is to be killed."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as stdin:
             stdin.write(json.dumps(as_table(self._config, from_file=False)).encode())
@@ -193,7 +189,7 @@ class SessionProcess:
                 yield packet
 
     def _reap(self, last: Snapshot) -> SessionExit:
-        """How it ended; it is killed where it does not end by itself."""
+        """Return its outcome; it is killed if it does not end by itself."""
         process = self._process
         patience_s = min(KILL_AFTER_S, self._give_up_s - time.monotonic())
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -238,14 +234,12 @@ def supervise(
     through: Sequence[str] = (),
     shown: Callable[[], bool] = lambda: True,
 ) -> SessionExit:
-    """Run a session as configured until it ends; `show` gets each snapshot.
-
-    Every signal that would end this process asks it to brake, hold and leave, and so do Ctrl-Z,
-    `poll`, called several times a second, by returning False, and an exception in `show`, which
-    goes on after. While `shown` returns False the arm brakes and holds: it is not displayed.
-    `through` is a command that runs the command after it in an environment of its making, hands
-    signals on to it and ends with its code, as ``cardan sim omni --`` does.
-    """
+    """Run a session as configured until it ends; `show` gets each snapshot. Every signal that would
+    end this process requests that the session brake, hold and leave, and so do Ctrl-Z, `poll`,
+    called several times a second, by returning False, and an exception in `show`, which is raised
+    afterwards. While `shown` returns False the arm brakes and holds: it is not displayed. `through`
+    is a command that runs the command after it in an environment of its own, forwards signals to it
+    and ends with its code, such as ``cardan sim omni --``."""
     process: SessionProcess | None = None
     signals: list[int] = []
     logged = _Logged()

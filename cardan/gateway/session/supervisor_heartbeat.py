@@ -1,4 +1,4 @@
-"""Whether the process that supervises a session still runs."""
+"""Heartbeat of the process that supervises a session."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ BEAT = b"beat"
 
 
 class SupervisorHeartbeat:
-    """Judges the supervisor by the time of its last beat. Local monotonic time, s."""
+    """Checks the time of the supervisor's last beat. Local monotonic time, s."""
 
     def __init__(self, silence_s: float, now_s: float) -> None:
         """`silence_s` is the longest time without a beat."""
@@ -17,11 +17,11 @@ class SupervisorHeartbeat:
         self._heard_s = now_s
 
     def heard(self, now_s: float) -> None:
-        """A beat came."""
+        """Record a beat."""
         self._heard_s = now_s
 
     def fault(self, now_s: float) -> str:
-        """Why the arm must not be moved; empty while the supervisor beats."""
+        """Return why the arm must not be moved; empty while the supervisor sends beats."""
         age_s = now_s - self._heard_s
         if age_s <= self._silence_s:
             return ""

@@ -1,4 +1,4 @@
-"""A session as a person sees it: the live terminal view, plain lines, and the summary."""
+"""Views of a session for people: the live terminal view, plain lines, and the summary."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BAR_CELLS = 9
 """Cells on each side of zero in an axis bar."""
 
 PLAIN_PERIOD_S = 1.0
-"""How often a view that is not on a terminal prints a line."""
+"""Period of the lines of a view that is not on a terminal."""
 
 _PHASE_STYLES = {
     "moving": "bold green",
@@ -57,14 +57,14 @@ def _link(word: str) -> Text:
 
 
 def _messages(snapshot: Snapshot) -> str:
-    """Messages of controller and filters, and the source that was refused authority."""
+    """Return messages of controller and filters, and the source that was refused authority."""
     arm = snapshot.arm
     refused = f"refused: {arm.authority_refused}" if arm.authority_refused else ""
     return "; ".join(filter(None, (arm.message, *arm.filters, refused)))
 
 
 def _diagnosis(snapshot: Snapshot) -> list[str]:
-    """The diagnosis, without parts that the message says already."""
+    """Return the diagnosis without parts that the message has already."""
     return [line for line in snapshot.diagnosis if line not in snapshot.arm.message]
 
 
@@ -142,7 +142,7 @@ def render(snapshot: Snapshot) -> RenderableType:
 
 
 def _force_words(force: ForceSnapshot) -> str:
-    """State of the haptic device's force, its age, and its energy."""
+    """Return state of the haptic device's force, its age, and its energy."""
     words = [force.state]
     if force.age_s is not None and math.isfinite(force.age_s):
         words.append(f"{force.age_s * 1e3:.1f} ms old")
@@ -157,7 +157,7 @@ def _milliseconds(seconds: float | None) -> str:
 
 
 def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
-    """The summary's rows of force feedback; none without a haptic device."""
+    """Return the summary's rows of force feedback; none without a haptic device."""
     force, contact = s.force, s.contact
     if not force.state:
         return []
@@ -205,7 +205,7 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
 
 
 class SessionView:
-    """Shows snapshots: a live panel on a terminal, a line a second elsewhere."""
+    """Shows snapshots: a live panel on a terminal, else one line a second."""
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or Console()
@@ -260,7 +260,7 @@ def plain(snapshot: Snapshot) -> str:
 
 
 def summary(snapshot: Snapshot) -> Table:
-    """The table at the end of a session."""
+    """Return the table at the end of a session."""
     s, loop, tracking, metrics = snapshot, snapshot.loop, snapshot.tracking, snapshot.robot.metrics
     table = Table(title="session summary", show_header=False, title_justify="left")
     table.add_column()

@@ -1,4 +1,4 @@
-"""Serves a server beside a session, by ``cardan net server`` in a process of its own."""
+"""A server beside a session, by ``cardan net server`` in a separate process."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cardan.gateway.session.subprocesses import CardanSubprocess
 def with_server(
     name: str, options: BusOptions, host: str, port: int | None = None
 ) -> Iterator[CardanSubprocess]:
-    """Serve the server `name` at `host` and `port` (None: its own; 0: one that is free) while a
-    session runs whose bus `options` are of; gives the server, whose `endpoint` is its address.
-    Raises DriverError where it does not serve."""
+    """Run the server `name` at `host` and `port` (None: its default; 0: a free one) while a session
+    with the bus of `options` runs; yield the server, whose `endpoint` is its address. Raises
+    DriverError if it does not serve."""
     place = ("--host", host, *(() if port is None else ("--port", str(port))))
     with contextlib.closing(RouterKeeper(options)) as router:
         router.wait()

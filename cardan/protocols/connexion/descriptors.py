@@ -1,7 +1,7 @@
 """HID report descriptors of 3Dconnexion's six-axis devices.
 
-Without the vendor-defined feature reports, which nothing here uses. Source: the published
-descriptors of a SpaceNavigator and a SpaceMouse Wireless; USB HID 1.11, section 6.2.2.
+The vendor-defined, unused feature reports are left out. Source: the published descriptors of a
+SpaceNavigator and a SpaceMouse Wireless; USB HID 1.11, section 6.2.2.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _BATTERY = bytes((0xA1, 0x02, 0x85, BATTERY_ID)) + bytes.fromhex(
 
 
 def descriptor_for(model: Model) -> bytes:
-    """The report descriptor of a device of `model`."""
+    """Return the report descriptor of a device of `model`."""
     parts = [_MULTI_AXIS]
     span = model.full_scale
     limits = (
@@ -40,7 +40,7 @@ def descriptor_for(model: Model) -> bytes:
         + b"\x26" + span.to_bytes(2, "little", signed=True)
     )  # fmt: skip
     if model.family is Family.SPLIT:
-        # Absolute deflections, which these devices declare as relative all the same.
+        # Absolute deflections, although these devices declare them as relative.
         size = bytes.fromhex("7510 9503") + _RELATIVE
         parts += [
             bytes((0xA1, 0x00, 0x85, TRANSLATION_ID)), limits, _PHYSICAL, _AXES[:6], size, _END,
@@ -63,7 +63,8 @@ def descriptor_for(model: Model) -> bytes:
 
 
 def full_scale_of(descriptor: bytes) -> int | None:
-    """Counts at full deflection that `descriptor` declares for the X axis; None if it does not.
+    """Return the counts at full deflection that `descriptor` declares for the X axis; None if it
+    does not.
 
     Never raises, whatever the bytes.
     """
@@ -98,7 +99,7 @@ def full_scale_of(descriptor: bytes) -> int | None:
 
 
 def _buttons(model: Model) -> bytes:
-    """Report 3: runs of buttons, with constant bits between them."""
+    """Make report 3: runs of buttons, with constant bits between them."""
     parts = [bytes((0xA1, 0x02, 0x85, BUTTONS_ID)), bytes.fromhex("0509 1500 2501 3500 4501 7501")]
     total = 8 * (model.button_report_bytes - 1)
     bit = 0

@@ -40,20 +40,21 @@ class Model(NamedTuple):
     key: str
     """Name for command lines and configuration files."""
     family: Family
-    """Reports that it should send; a driver detects those that it does send."""
+    """Report family by specification; a driver detects the actual one."""
     buttons: Mapping[int, str]
     """Label by bit of report 3, lowest first. Key-array reports carry the bit number plus 1."""
     key_array: bool = False
-    """Reports its keys as an array of V3DK codes, too (report 0x1C); report 3 has not all."""
+    """True: reports its keys as an array of V3DK codes, too (report 0x1C); report 3 lacks some."""
     led: bool = False
     battery: bool = False
     full_scale: int = DEFAULT_FULL_SCALE
     button_report_bytes: int = 3
-    """Length of report 3, its id included; 0: it has none."""
+    """Length of report 3, its id included; 0: no such report."""
     receiver: bool = False
-    """A receiver for any puck: the paired device determines buttons and reporting interface."""
+    """True: a receiver for any puck; the paired device determines buttons and reporting
+    interface."""
     serial_axes: bool = False
-    """Reports its axes as right, up, away (left-handed), not in the usual raw frame."""
+    """True: reports its axes as right, up, away (left-handed), not in the usual raw frame."""
 
 
 _V3DK_FROM_1 = (
@@ -79,7 +80,7 @@ V3DK: Mapping[int, str] = MappingProxyType(
 LONG_PRESS: Mapping[int, int] = MappingProxyType(
     {3: 7, 5: 4, 6: 8, 9: 10, 11: 12, 32: 33, 34: 35, 103: 139, 104: 140, 105: 141}
 )
-"""V3DK code that a long press means, by the key's own code; other keys keep theirs."""
+"""V3DK code of a long press, by the key's own code; other keys keep theirs."""
 
 TWO_BUTTONS: Mapping[int, str] = MappingProxyType({0: "left", 1: "right"})
 
@@ -183,20 +184,20 @@ _BY_KEY = {model.key: model for model in MODELS}
 
 
 def find_model(vendor_id: int, product_id: int) -> Model | None:
-    """The model with these ids; None when it is not in the table."""
+    """Return the model with these ids; None if it is not in the table."""
     return _BY_ID.get((vendor_id, product_id))
 
 
 def model_by_key(key: str) -> Model:
-    """Return the model called `key`; KeyError if there is none."""
+    """Return the model called `key`. Raises KeyError if there is none."""
     return _BY_KEY[key]
 
 
 def is_candidate(vendor_id: int, product_id: int, usage_page: int, usage: int) -> bool:
-    """Whether a HID collection can be the motion of a six-axis device.
+    """True if a HID collection can be the motion of a six-axis device.
 
-    New products of the vendor count by their usage alone; where the system does not tell usages
-    (0, 0), only models of the table do.
+    New products of the vendor count by their usage alone; if the system reports no usage (0, 0),
+    only models of the table count.
     """
     ids = (vendor_id, product_id)
     if ids in NEVER_OPEN or (ids not in _BY_ID and vendor_id != CONNEXION):

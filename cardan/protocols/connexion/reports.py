@@ -68,13 +68,13 @@ class MotionReport(NamedTuple):
 
 
 class ButtonBits(NamedTuple):
-    """Report 3: the buttons now down, one bit each."""
+    """Report 3: pressed buttons, one bit each."""
 
     mask: int
 
 
 class KeysDown(NamedTuple):
-    """Report 0x1C: V3DK codes of the keys now down."""
+    """Report 0x1C: V3DK codes of the pressed keys."""
 
     codes: tuple[int, ...]
 
@@ -130,8 +130,8 @@ def decode_input(report: bytes) -> InputReport:
     if report_id == TRANSLATION_ID:
         if size >= MOTION_BYTES:
             return MotionReport._make(_SIX(report, 1))
-        # Between the two lengths it is a whole report cut short: read as a half, it would leave
-        # the rotation where it was.
+        # A length between the two is a truncated whole report: read as a half, it would leave the
+        # rotation unchanged.
         if size == HALF_BYTES:
             return Translation._make(_THREE(report, 1))
     elif report_id == ROTATION_ID:
@@ -171,22 +171,23 @@ def decode_output(report: bytes) -> LedOutput | MalformedReport:
 
 
 def encode_translation(x: int, y: int, z: int) -> bytes:
-    """Report 1 of a SPLIT device. Raises ValueError for counts beyond 16 bits, as all here do."""
+    """Encode report 1 of a SPLIT device. Like all here, raises ValueError for counts beyond 16
+    bits."""
     return _pack(_HALF, TRANSLATION_ID, x, y, z)
 
 
 def encode_rotation(rx: int, ry: int, rz: int) -> bytes:
-    """Report 2 of a SPLIT device."""
+    """Encode report 2 of a SPLIT device."""
     return _pack(_HALF, ROTATION_ID, rx, ry, rz)
 
 
 def encode_motion(x: int, y: int, z: int, rx: int, ry: int, rz: int) -> bytes:
-    """Report 1 of a ONE device."""
+    """Encode report 1 of a ONE device."""
     return _pack(_MOTION, TRANSLATION_ID, x, y, z, rx, ry, rz)
 
 
 def encode_buttons(mask: int, length: int) -> bytes:
-    """Report 3 of `length` bytes, its id included."""
+    """Encode report 3 of `length` bytes, its id included."""
     try:
         return bytes((BUTTONS_ID,)) + mask.to_bytes(length - 1, "little")
     except OverflowError:
@@ -194,24 +195,24 @@ def encode_buttons(mask: int, length: int) -> bytes:
 
 
 def encode_keys_down(codes: Iterable[int]) -> bytes:
-    """Report 0x1C: at most six V3DK codes."""
+    """Encode report 0x1C with at most six V3DK codes."""
     return _encode_keys(KEYS_DOWN_ID, codes)
 
 
 def encode_long_press(codes: Iterable[int]) -> bytes:
-    """Report 0x1D: at most six V3DK codes."""
+    """Encode report 0x1D with at most six V3DK codes."""
     return _encode_keys(LONG_PRESS_ID, codes)
 
 
 def encode_battery(percent: int, external_power: bool) -> bytes:
-    """Report 0x17."""
+    """Encode report 0x17."""
     if not 0 <= percent <= 100:
         raise ValueError(f"battery charge {percent} is not in 0..100 percent")
     return bytes((BATTERY_ID, percent, external_power))
 
 
 def encode_led(on: bool) -> bytes:
-    """Output report 4."""
+    """Encode output report 4."""
     return bytes((LED_ID, on))
 
 
@@ -236,10 +237,8 @@ def _pack(layout: struct.Struct, *values: int) -> bytes:
 def to_robot_axes(
     raw: Sequence[int], full_scale: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Six raw counts as deflections in -1..1 (clamped): x forward, y left, z up, right-handed.
-
-    The same rotation of axes serves both vectors: v = (-Y, -X, -Z), w = (-Ry, -Rx, -Rz).
-    """
+    """Convert six raw counts to deflections in -1..1 (clamped): x forward, y left, z up,
+    right-handed."""
     counts: Sequence[float] = raw
     if max(raw) > full_scale or min(raw) < -full_scale:
         counts = [min(full_scale, max(-full_scale, count)) for count in raw]
@@ -258,13 +257,13 @@ def to_robot_axes(
 def from_robot_axes(
     axes: Sequence[float], full_scale: float
 ) -> tuple[int, int, int, int, int, int]:
-    """The raw counts nearest to deflections in -1..1: the inverse of `to_robot_axes`."""
+    """Convert deflections in -1..1 to the nearest raw counts: the inverse of `to_robot_axes`."""
     vx, vy, vz, wx, wy, wz = (round(-_clamp(value) * full_scale) for value in axes)
     return (vy, vx, vz, wy, wx, wz)
 
 
 def from_serial_axes(raw: Sequence[int]) -> tuple[int, int, int, int, int, int]:
-    """Counts of a `Model.serial_axes` device (right, up, away) in the usual raw frame."""
+    """Convert counts of a `Model.serial_axes` device (right, up, away) to the usual raw frame."""
     x, y, z, rx, ry, rz = raw
     return (x, -z, -y, rx, -rz, -ry)
 

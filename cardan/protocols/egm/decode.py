@@ -1,7 +1,7 @@
 """EGM datagrams to values.
 
-protobuf parses a datagram; here its messages become values in SI units, and values that must not
-move a robot or an operator's device are refused.
+protobuf parses a datagram; this module converts its messages to values in SI units, and refuses
+values that must not move a robot or an operator's device.
 
 Numbers that move a robot, a haptic device or a RAPID program (joints, poses, speeds, forces, dnum)
 must be finite and no more than the protocol allows. Informative values (test signals, collision
@@ -46,13 +46,13 @@ from cardan.spatial import from_euler_zyx
 from cardan.types import Quaternion, Vector3
 
 AXES_MAX = 6
-"""Most values of a group of axes, and of a force."""
+"""Largest count of values of a group of axes, and of a force."""
 
 _MESSAGE_TYPES = {member.value: member for member in EgmMessageType}
 _MOTOR_STATES = tuple(MotorState)
 _MCI_STATES = tuple(MCIState)
 _RAPID_STATES = tuple(RapidState)
-"""The members by number."""
+"""Enum members by number."""
 
 _FROM_CONTROLLER = (2, 0)
 """EgmMessageType DATA and UNDEFINED as plain numbers, for the comparison in every cycle."""
@@ -75,11 +75,11 @@ def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | MalformedEg
 
 
 def decode_feedback(data: bytes) -> EgmFeedback | MalformedEgmMessage:
-    """The part of a controller's message that an answer depends on. Never raises.
+    """Decode the part of a controller's message that an answer depends on.
 
-    All of the datagram must be protobuf; values that are not returned are not checked. Refused as
-    WRONG_TYPE, beyond what `decode_robot` refuses: no sequence number, no feedBack. This runs
-    before every answer, so it makes no object and no check that it can do without.
+    Never raises. All of the datagram must be protobuf; values that are not returned are not
+    checked. Refused as WRONG_TYPE, beyond what `decode_robot` refuses: no sequence number, no
+    feedBack. This runs before every answer, so it avoids all dispensable objects and checks.
     """
     try:
         m = _parse_robot(data)
@@ -142,9 +142,9 @@ def decode_from_pc(
 ) -> EgmSensor | EgmSensorPathCorr | MalformedEgmMessage:
     """Decode a PC's datagram, guidance or path correction. Never raises.
 
-    mtype says which it is; where it is neither CORRECTION nor PATH_CORRECTION (there are clients
-    that leave it out), a complete pathCorr makes it a path correction. Refused as WRONG_TYPE: a
-    message with none of the known fields.
+    mtype tells which; if it is neither CORRECTION nor PATH_CORRECTION (some clients leave it out),
+    a complete pathCorr makes it a path correction. Refused as WRONG_TYPE: a message with none of
+    the known fields.
     """
     data = bytes(data)
     try:
@@ -167,7 +167,7 @@ def decode_from_pc(
 
 
 class _RefusedError(Exception):
-    """Leaves the decoding of one datagram."""
+    """Abort of decoding a datagram."""
 
     def __init__(self, fault: Fault, detail: str) -> None:
         super().__init__(detail)
@@ -183,7 +183,7 @@ def _wrong_size(data: bytes) -> _RefusedError:
 
 
 def _parse(message_class: Any, data: bytes) -> Any:
-    """A protobuf message of `message_class`, which may lack required fields."""
+    """Parse a protobuf message of `message_class`, which may lack required fields."""
     try:
         return message_class.FromString(data)
     except DecodeError as error:
@@ -191,7 +191,7 @@ def _parse(message_class: Any, data: bytes) -> Any:
 
 
 def _parse_complete(message_class: Any, data: bytes) -> Any:
-    """A protobuf message of `message_class` with all required fields."""
+    """Parse a protobuf message of `message_class` with all required fields."""
     message = _parse(message_class, data)
     if not message.IsInitialized():
         missing = ", ".join(message.FindInitializationErrors())
@@ -200,7 +200,7 @@ def _parse_complete(message_class: Any, data: bytes) -> Any:
 
 
 def _parse_robot(data: bytes) -> Any:
-    """A protobuf EgmRobot with all required fields, from a controller."""
+    """Parse a controller's protobuf EgmRobot with all required fields."""
     if not 0 < len(data) <= MAX_DATAGRAM_BYTES:
         raise _wrong_size(data)
     m = _parse_complete(schema.Robot, data)

@@ -1,8 +1,8 @@
-"""EGM values to datagrams: every message, every field.
+"""Encoding of EGM values as datagrams: every message, every field.
 
-Fields that are None are left out; zeros are written, because to EGM zero and absent differ.
-Whole numbers wrap to the width of their field. The two answers that a PC sends in every cycle
-have a short way of their own: :mod:`cardan.protocols.egm.replies`.
+Fields that are None are left out; zeros are written, because EGM distinguishes zero from absent.
+Integers wrap to the width of their field. The two answers of every cycle have a faster encoder:
+:mod:`cardan.protocols.egm.replies`.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def encode_path_corr(message: EgmSensorPathCorr) -> bytes:
 
 
 def encode_rapid_to_robot(data: EgmRapidData) -> bytes:
-    """The field RAPIDtoRobot alone, to end an EgmSensor with (see the replies' `suffix`)."""
+    """Encode the field RAPIDtoRobot alone, as the end of an EgmSensor (`suffix` of the replies)."""
     return _serialized(schema.Sensor, RAPIDtoRobot=_rapid_data(data))
 
 

@@ -1,6 +1,6 @@
 """EGM's messages as values, in SI units, with the protocol's own names.
 
-Lengths become m, angles rad and quaternions scalar first at this border; forces stay N and N·m.
+Lengths are in m, angles in rad, quaternions scalar first; forces are in N and N·m as on the wire.
 `None` means that the field was absent (proto2 has presence): zero and absent differ.
 
 Source: ABB Application manual, Externally Guided Motion, RobotWare 7.16 (3HAC073318-001), and the
@@ -15,10 +15,10 @@ from typing import NamedTuple
 from cardan.types import Quaternion, Vector3
 
 MAX_DATAGRAM_BYTES = 2048
-"""The largest real datagram has 1113 bytes; anything longer is not EGM."""
+"""Size limit: the largest real datagram has 1113 bytes, and anything longer is not EGM."""
 
 DNUM_MAX = 40
-"""Most values an EgmRAPIDdata may carry."""
+"""Most values of an EgmRAPIDdata."""
 
 
 class EgmMessageType(enum.IntEnum):
@@ -52,7 +52,7 @@ class MCIState(enum.IntEnum):
 
 
 class RapidState(enum.IntEnum):
-    """EgmRapidCtrlExecState.state: whether the RAPID program runs."""
+    """EgmRapidCtrlExecState.state: execution state of the RAPID program."""
 
     UNDEFINED = 0
     STOPPED = 1
@@ -65,17 +65,17 @@ class EgmHeader(NamedTuple):
     seqno: int | None
     tm_ms: int | None
     mtype: int
-    """An EgmMessageType where it is a known one; unknown numbers are kept as they came."""
+    """An EgmMessageType if known; unknown numbers are kept."""
 
 
 class EgmPose(NamedTuple):
-    """A Cartesian pose as it traveled; the quaternion is not normalized here."""
+    """A Cartesian pose as on the wire; the quaternion is not normalized."""
 
     pos: Vector3 | None
     """m."""
     orient: Quaternion | None
     euler: Vector3 | None = None
-    """rad, R = Rz(z)·Ry(y)·Rx(x). A controller lets it win over `orient`."""
+    """rad, R = Rz(z)·Ry(y)·Rx(x). Controllers prefer it to `orient`."""
 
 
 class EgmMotion(NamedTuple):
@@ -85,7 +85,7 @@ class EgmMotion(NamedTuple):
     """rad. A 7-axis robot's third axis travels as external_joints[0]."""
     cartesian: EgmPose | None = None
     external_joints: tuple[float, ...] | None = None
-    """As on the wire: degrees for a rotary axis, mm for a linear one; only the user knows."""
+    """External axes as on the wire: degrees, or mm for a linear axis, which only the user knows."""
     time_us: int | None = None
     """The controller's clock, µs since the Unix epoch."""
     time_stamp_ns: int | None = None
@@ -93,7 +93,7 @@ class EgmMotion(NamedTuple):
 
 
 class EgmMeasuredForce(NamedTuple):
-    """Contact force: N and N·m, in the usual reading Fx Fy Fz Tx Ty Tz."""
+    """Contact force in N and torque in N·m, in the order Fx Fy Fz Tx Ty Tz."""
 
     force: tuple[float, ...]
     fc_active: bool | None
@@ -124,52 +124,52 @@ class EgmRobot(NamedTuple):
     feed_back: EgmMotion | None = None
     planned: EgmMotion | None = None
     motor_state: int | None = None
-    """A MotorState where known; likewise the two states below."""
+    """A MotorState if known; likewise the two states below."""
     mci_state: int | None = None
     mci_convergence_met: bool | None = None
     test_signals: tuple[float, ...] | None = None
     rapid_exec_state: int | None = None
     measured_force: EgmMeasuredForce | None = None
     utilization_rate: float | None = None
-    """Percent, as it travels."""
+    """Percent, as on the wire."""
     move_index: int | None = None
     collision_info: EgmCollisionInfo | None = None
     rapid_from_robot: EgmRapidData | None = None
     torque_ref: tuple[float, ...] | None = None
-    """As on the wire."""
+    """Joint torques as on the wire."""
 
 
 class EgmFeedback(NamedTuple):
-    """The part of an EgmRobot that an answer to it depends on."""
+    """Part of an EgmRobot that an answer depends on."""
 
     seqno: int
     tm_ms: int | None
     joints: tuple[float, ...]
-    """rad; empty where absent."""
+    """Joint positions, rad; empty if absent."""
     pos: Vector3 | None
     """m."""
     orient: Quaternion | None
-    """Made of the Euler angles where only they came; not normalized here."""
+    """Computed from the Euler angles if only they are present; not normalized."""
     external_joints: tuple[float, ...]
-    """As on the wire; empty where absent."""
+    """External axes as on the wire; empty if absent."""
     time_us: int | None
     states: tuple[int, int, int]
-    """Motors, MCI, RAPID execution; UNDEFINED where absent."""
+    """Motors, MCI, RAPID execution; UNDEFINED if absent."""
     force: tuple[float, ...]
-    """Empty where absent."""
+    """Measured force; empty if absent."""
     utilization_rate: float | None
-    """Percent, as it travels."""
+    """Percent, as on the wire."""
 
 
 class EgmSpeedRef(NamedTuple):
     """Speed reference."""
 
     joints: tuple[float, ...] | None = None
-    """rad/s."""
+    """Joint speeds, rad/s."""
     cartesians: tuple[float, ...] | None = None
     """vx vy vz in m/s, wx wy wz in rad/s."""
     external_joints: tuple[float, ...] | None = None
-    """As on the wire: deg/s or mm/s."""
+    """Speeds of external axes as on the wire: deg/s or mm/s."""
 
 
 class EgmSensor(NamedTuple):

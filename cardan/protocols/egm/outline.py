@@ -1,8 +1,8 @@
 """Fast check that a datagram is as valid as a previous one, for the statistics of a capture.
 
-Whether a datagram can be decoded depends on its tags, lengths and widths of numbers, on its type,
-and on whether its doubles are finite. So a datagram that has these from a decoded one would be
-decoded as well. Any other takes the full decoder.
+Only its tags, the lengths and widths of numbers, its type, and finite doubles decide whether a
+datagram can be decoded. A datagram that shares these with a decoded one is therefore valid. Any
+other needs the full decoder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _SEQNO, _TM, _MTYPE = (1, 1), (1, 2), (1, 3)
 """Field numbers in all three messages."""
 
 _EXPONENT = 0x7FF0_0000_0000_0000
-"""The exponent's bits in a double."""
+"""Bits of a double's exponent."""
 
 _from_bytes = int.from_bytes
 
@@ -26,18 +26,18 @@ class Outline(NamedTuple):
     """Common bits of datagrams of a certain length, each field a little-endian number."""
 
     looked_at: int
-    """Mask of the bits that must be the same, and of the exponents of the doubles."""
+    """Mask of the bits that must be equal, and of the exponents of the doubles."""
     lowest: int
-    """Added to an exponent of ones, which infinity and NaN have, it carries into the sign."""
+    """Summand that carries an exponent of ones (infinity and NaN) into the sign."""
     mask: int
-    """Mask of the bits that must be the same, and of the signs of the doubles."""
+    """Mask of the bits that must be equal, and of the signs of the doubles."""
     fixed: int
     seqno: slice
     tm: slice
 
     def header(self, data: bytes) -> tuple[int, int] | None:
-        """Sequence number and clock (ms; 0 where absent) of a datagram that is as sound as the one
-        learned; None for another."""
+        """Return sequence number and clock (ms; 0 if absent) of a datagram that is as valid as the
+        learned one; None for any other."""
         looked_at, lowest, mask, fixed, seqno, tm = self
         if (_from_bytes(data, "little") & looked_at) + lowest & mask != fixed:
             return None
@@ -45,8 +45,8 @@ class Outline(NamedTuple):
 
 
 def outline(data: bytes, value: EgmRobot | EgmSensor | EgmSensorPathCorr) -> Outline | None:
-    """The outline of `data`, which was decoded to `value`; None where it is too unusual to learn or
-    has no sequence number."""
+    """Learn the outline of `data`, which was decoded to `value`; None if it is too unusual or has
+    no sequence number."""
     if isinstance(value, EgmRobot):
         force = value.measured_force
         message = schema.RobotRW6 if force is not None and force.fc_active is None else schema.Robot

@@ -1,9 +1,9 @@
 """Fast reader of a controller's feedback, by the equal layout of its datagrams (half the time).
 
-A datagram with the same tags, lengths and widths of numbers, byte for byte, as one that protobuf
-has read differs from it in its values only. So the layout of a datagram,
-once learned, reads the following ones by one comparison under a mask and one ``struct`` call.
-Any other is left to :func:`cardan.protocols.egm.decode.decode_feedback`.
+A datagram whose tags, lengths and widths of numbers equal those of one read by protobuf differs
+only in its values. A learned layout therefore reads further datagrams by one masked comparison and
+one ``struct`` call. Any other datagram is left to
+:func:`cardan.protocols.egm.decode.decode_feedback`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LAYOUTS_MAX = 64
 """Most layouts kept: a controller's datagrams have some ten lengths."""
 
 _VARINT_MAX = 5
-"""Bytes of the longest number that is read; sequence numbers and seconds have no more."""
+"""Bytes of the longest number that is read: sequence numbers and seconds fit in."""
 
 _new = tuple.__new__
 _from_bytes = int.from_bytes
@@ -34,27 +34,27 @@ class DatagramLayout(NamedTuple):
     """Layout of a datagram of a certain length."""
 
     mask: int
-    """Mask of the bits that must be the same; little-endian, like `fixed`."""
+    """Mask of the bits that must be equal; little-endian, like `fixed`."""
     fixed: int
     values: struct.Struct
     states: tuple[int, int, int]
-    """Part of the layout, because they change so seldom."""
+    """States, part of the layout because they change rarely."""
     forces: int
-    """Number of forces, which are the last values."""
+    """Count of forces, which are the last values."""
     has_rate: bool
     places: tuple[tuple[int, int], ...]
     """First byte and number of bytes of each value, in order."""
 
 
 class FeedbackReader:
-    """`decode_feedback` for a stream of datagrams, most of which are like one before."""
+    """`decode_feedback` for a stream of datagrams that mostly repeat an earlier layout."""
 
     def __init__(self) -> None:
         self._layouts: dict[int, DatagramLayout | None] = {}
-        """Layouts by the length of the datagram; None where it is too unusual to learn."""
+        """Layouts by the length of the datagram; None if it is too unusual to learn."""
         self._unlearned: tuple[bytes, EgmFeedback] | None = None
         self._sec_bytes, self._sec_us = b"", 0
-        """The clock's seconds as they came last; they come often."""
+        """Cache of the clock's last seconds, which repeat often."""
 
     def read(self, data: bytes) -> EgmFeedback | MalformedEgmMessage:
         """Decode `data` like `decode_feedback`."""
@@ -100,7 +100,8 @@ class FeedbackReader:
         return feedback
 
     def learn(self) -> None:
-        """Learn the layout of the datagram read last, if it was new. Slow; when there is time."""
+        """Learn the layout of the last datagram, if it was new. Slow: call it when there is
+        time."""
         if self._unlearned is None:
             return
         data, feedback = self._unlearned
@@ -111,7 +112,7 @@ class FeedbackReader:
 
 
 def number(varint: bytes) -> int:
-    """The value of a varint of at most five bytes."""
+    """Return the value of a varint of at most five bytes."""
     n = _from_bytes(varint, "little")
     low = n & 0x7F | n >> 1 & 0x3F80 | n >> 2 & 0x1F_C000
     if n < 0x100_0000:
@@ -130,7 +131,7 @@ _REQUIRED = [
     (2, 4, 2),
 ]
 _FORCE = (9, 2)
-"""Path of RobotWare 7's force; RobotWare 6's layout is left to the full decoder."""
+"""Path of RobotWare 7's force; the full decoder reads RobotWare 6's layout."""
 _RATE = (10,)
 _READ = {*_REQUIRED, _FORCE, _RATE}
 _CONSTANT = {(1, 3), (4, 1), (5, 1), (8, 1)}
@@ -139,15 +140,15 @@ _UNREADABLE = (2, 3, 1)
 """feedBack's external axes."""
 
 _VARINT, _DOUBLE, _MESSAGE = 0, 1, 2
-"""Protobuf's wire types."""
+"""Wire types of protobuf."""
 
 
 class UnusualError(Exception):
-    """A layout that is legal, and too unusual to learn."""
+    """A layout is valid, but too unusual to learn."""
 
 
 def _learned(data: bytes, feedback: EgmFeedback) -> DatagramLayout | None:
-    """The layout of `data`, which protobuf read as `feedback`; None where it is unusual."""
+    """Learn the layout of `data`, which protobuf read as `feedback`; None if it is unusual."""
     mask = bytearray(b"\xff" * len(data))
     read: list[Leaf] = []
     try:
@@ -188,13 +189,13 @@ class Leaf(NamedTuple):
     at: int
     size: int
     is_double: bool
-    """Otherwise it is a varint."""
+    """True: eight bytes; False: a varint."""
 
 
 def leaves(data: bytes, message: Any) -> Iterator[Leaf]:
-    """The numbers in `data`, which protobuf has read as a `message` (a descriptor), as they come.
+    """Yield the numbers in `data`, which protobuf has read as a `message` (a descriptor), in order.
 
-    Unknown fields, and known ones of another type, are unusual: UnusualError.
+    Raises UnusualError for unknown fields, and for known ones of another type.
     """
     return _walk(data, 0, len(data), message, ())
 

@@ -1,7 +1,7 @@
-"""The answers a PC sends in every control cycle, written in one ``struct`` call.
+"""Encoding of the answers of every control cycle, in one ``struct`` call.
 
-They are EgmSensor messages of type CORRECTION, byte for byte what
-:mod:`cardan.protocols.egm.encode` makes of the same values.
+They are EgmSensor messages of type CORRECTION, byte for byte equal to those of
+:mod:`cardan.protocols.egm.encode`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ _1, _2, _3, _4 = b"\x09", b"\x11", b"\x19", b"\x21"
 def encode_pose_reply(
     seqno: int, tm_ms: int, pose: Pose, twist: Twist | None, suffix: bytes = b""
 ) -> bytes:
-    """Be at `pose`, moving at `twist`; their frame is ignored, the controller has its own.
+    """Encode `pose` with the speed `twist`; their frame is ignored, since the controller has its
+    own.
 
     `suffix` ends the message (see `encode_rapid_to_robot`).
     """
@@ -59,7 +60,7 @@ def encode_joint_reply(
     velocities_rad_s: Sequence[float] | None,
     suffix: bytes = b"",
 ) -> bytes:
-    """Be at six `joints_rad`, moving at six `velocities_rad_s`.
+    """Encode six `joints_rad` with six `velocities_rad_s`.
 
     `suffix` ends the message (see `encode_rapid_to_robot`).
     """
@@ -83,7 +84,7 @@ def _six_angles(start: bytes, angles_rad: Sequence[float]) -> bytes:
 
 
 _HEADER_STARTS = tuple(bytes((0x0A, 4 + length, 0x08)) for length in range(11))
-"""Beginnings of headers, by the length of the two numbers in it."""
+"""First bytes of headers, by the lengths of their two numbers."""
 
 
 def _header(seqno: int, tm_ms: int) -> bytes:
@@ -93,7 +94,7 @@ def _header(seqno: int, tm_ms: int) -> bytes:
 
 
 def _varint(number: int) -> bytes:
-    """`number` modulo 2^32."""
+    """Encode `number` modulo 2^32."""
     number &= 0xFFFF_FFFF
     if number < 0x80:
         return bytes((number,))

@@ -1,7 +1,7 @@
 """EGM's protobuf schema, built here: every message of RobotWare 6.08 to 7.16.
 
-It lives in a descriptor pool of its own, because other EGM packages of the same process register
-the same message names in protobuf's default pool.
+It has its own descriptor pool, because other EGM packages of the same process register the same
+message names in protobuf's default pool.
 
 Source: the published ``egm.proto`` of RobotWare 6.10 and 7, and ABB's application manual
 3HAC073318-001. In every message the fields are numbered from 1 without gaps, so the order below
@@ -68,7 +68,7 @@ _TYPES = {
 
 
 def _build() -> dict[str, Any]:
-    """The message classes by name."""
+    """Return the message classes by name."""
     file = descriptor_pb2.FileDescriptorProto(
         name="cardan/egm.proto", package=_PACKAGE, syntax="proto2"
     )
@@ -104,4 +104,4 @@ RobotRW6 = _CLASSES["EgmRobotRW6"]
 Sensor = _CLASSES["EgmSensor"]
 SensorPathCorr = _CLASSES["EgmSensorPathCorr"]
 Envelope = _CLASSES["Envelope"]
-"""Common beginning of all messages: enough to tell them apart."""
+"""Beginning that all messages share: enough to tell them apart."""

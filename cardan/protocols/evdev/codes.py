@@ -1,8 +1,8 @@
 """Names of keys, buttons and axes: our labels for the kernel's numbers.
 
 The numbers are those of linux/input-event-codes.h, the meaning of a pad's that of the kernel's
-gamepad.rst: buttons by where they are (south is A on an Xbox pad, the cross on a PlayStation's).
-Keys are named after their caps on a US keyboard, whatever is printed on this one.
+gamepad.rst: buttons by their position (south is A on an Xbox pad, the cross on a PlayStation's).
+Keys are named after their caps on a US keyboard, whatever their print.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FF_GAIN = 0x60
 
 BTN_JOYSTICK = 0x120
 JOYSTICK_BUTTONS: Final = range(BTN_JOYSTICK, BTN_JOYSTICK + 16)
-"""Numbers that the generic HID driver gives the buttons of what calls itself a joystick."""
+"""Numbers that the generic HID driver assigns to the buttons of a declared joystick."""
 BTN_SOUTH, BTN_EAST, BTN_C, BTN_NORTH, BTN_WEST, BTN_Z = range(0x130, 0x136)
 BTN_TL, BTN_TR, BTN_TL2, BTN_TR2 = 0x136, 0x137, 0x138, 0x139
 BTN_SELECT, BTN_START, BTN_MODE, BTN_THUMBL, BTN_THUMBR = 0x13A, 0x13B, 0x13C, 0x13D, 0x13E
@@ -52,7 +52,7 @@ PAD_BUTTONS: Mapping[int, str] = MappingProxyType(
 )
 """Labels of a gamepad's buttons."""
 
-# Keys whose codes follow each other, from 1 on.
+# Keys with consecutive codes, from 1 on.
 _FROM_1 = (
     "esc", *"1234567890", "minus", "equal", "backspace", "tab",
     *"qwertyuiop", "left-brace", "right-brace", "enter", "left-ctrl",
@@ -84,14 +84,14 @@ PAD_CODES: Mapping[str, int] = MappingProxyType(
 )
 
 MICROSOFT = 0x045E
-"""Vendor whose pads have two numbers exchanged, whatever drives them."""
+"""Vendor whose pads have two numbers exchanged, with any driver."""
 XONE: Final = "xone-gip-gamepad"
 _BY_CAPS: Final = frozenset({"xpad", XONE, "xpadneo", "hid-steam"})
-"""Drivers that number buttons by what is printed on them, whatever the pad's maker."""
+"""Drivers that number buttons by their print, for pads of any maker."""
 
 
 def north_and_west_exchanged(vendor: int, kernel_driver: str) -> bool:
-    """Whether 0x133 is the west button and 0x134 the north one.
+    """True if 0x133 is the west button and 0x134 the north one.
 
     These drivers give an Xbox pad's X (west) and Y (north) the numbers once called BTN_X and BTN_Y,
     which are those of north and west on every other pad.
@@ -100,7 +100,7 @@ def north_and_west_exchanged(vendor: int, kernel_driver: str) -> bool:
 
 
 AxisPair = tuple[int, int]
-"""Left and right trigger, or a stick's way to the right and down."""
+"""Axes of the left and right trigger, or of a stick's motion right and down."""
 
 
 class PadLayout(NamedTuple):
@@ -110,13 +110,13 @@ class PadLayout(NamedTuple):
     """Labels by code."""
     right_stick: AxisPair | None = None
     triggers: AxisPair | None = None
-    """None, as above: what the axes are at rest has to tell."""
+    """Axes of the triggers; None: to be identified by their values at rest."""
     known: bool = True
-    """False: the labels are a guess."""
+    """False: the labels are guessed."""
 
 
 def _counted(*labels: str) -> Mapping[int, str]:
-    """Buttons that the generic HID driver has counted as the pad reports them."""
+    """Return the buttons in the order in which the generic HID driver has numbered them."""
     return MappingProxyType(dict(enumerate(labels, BTN_SOUTH)))
 
 
@@ -150,17 +150,17 @@ _COUNTED: Final[Mapping[tuple[int, int], PadLayout]] = {
 """Layouts by vendor and product. Source: SDL's table of gamepads, for Linux."""
 
 PAD_LABELS: Final = tuple(dict.fromkeys((*PAD_BUTTONS.values(), *_SONY_COUNTED.buttons.values())))
-"""Labels of the buttons that any gamepad has."""
+"""Labels of the buttons that any gamepad may have."""
 
 _OWN_DRIVERS: Final = frozenset({"xpad", XONE, "sony", "playstation", "nintendo"})
-"""Drivers that give the right stick as the kernel's gamepad.rst says, and triggers on Z and RZ."""
+"""Drivers with the right stick as in the kernel's gamepad.rst, and triggers on Z and RZ."""
 
 
 def pad_layout(vendor: int, product: int, kernel_driver: str, keys: Iterable[int]) -> PadLayout:
-    """Where the pad that the kernel shows with these `keys` has what.
+    """Return the layout of the pad that the kernel shows with these `keys`.
 
-    No pad has a C and a Z button beside the others: where both are, the generic HID driver has
-    counted the buttons from BTN_SOUTH on, and which is where must be known for each pad.
+    No pad has a C and a Z button besides the others: if both are reported, the generic HID driver
+    has numbered the buttons from BTN_SOUTH on, and their positions must be known for each pad.
     """
     counted = {BTN_C, BTN_Z} <= {*keys}
     if counted and (layout := _COUNTED.get((vendor, product))):

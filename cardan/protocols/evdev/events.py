@@ -1,7 +1,7 @@
-"""Linux's struct input_event: what a read() of /dev/input/eventN gives and a write() takes.
+"""Linux's struct input_event, read from and written to /dev/input/eventN.
 
-The layout is this machine's own (native byte order and long), as the kernel's is. Source: the
-kernel's uapi headers linux/input.h and linux/input-event-codes.h.
+The layout is the kernel's on this machine (native byte order and long). Source: the kernel's uapi
+headers linux/input.h and linux/input-event-codes.h.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from typing import NamedTuple
 _EVENT = struct.Struct("@llHHi")
 
 EVENT_BYTES = _EVENT.size
-"""24 on 64-bit systems, 16 on 32-bit ones."""
+"""Size of an event: 24 on 64-bit systems, 16 on 32-bit ones."""
 
 EV_SYN, EV_KEY, EV_REL, EV_ABS, EV_MSC = 0x00, 0x01, 0x02, 0x03, 0x04
 EV_MAX = 0x1F
-"""No event of the kernel's has a higher type."""
+"""Highest event type of the kernel."""
 EV_LED, EV_SND, EV_REP, EV_FF = 0x11, 0x12, 0x14, 0x15
 EV_UINPUT = 0x0101
-"""Type of uinput devices only: a request of the kernel to the device's program."""
+"""Event type of uinput devices only: a request of the kernel to the device's program."""
 
 SYN_REPORT = 0
-"""Ends a frame: what came since the last one happened together."""
+"""End of a frame: its events happened together."""
 SYN_DROPPED = 3
-"""The kernel dropped events that were not read in time: the known state is void."""
+"""Report that the kernel dropped events that were not read in time: the known state is void."""
 MSC_SCAN = 4
 
 KEY_UP, KEY_DOWN, KEY_REPEAT = 0, 1, 2
@@ -33,7 +33,7 @@ KEY_UP, KEY_DOWN, KEY_REPEAT = 0, 1, 2
 
 
 class InputEvent(NamedTuple):
-    """An event, with the kernel's time of it (s and µs, wall clock unless set otherwise)."""
+    """An event with the kernel's time (s and µs, wall clock unless set otherwise)."""
 
     sec: int
     usec: int
@@ -46,7 +46,7 @@ class MalformedPacket(NamedTuple):
     """Bytes that are not events."""
 
     reason: str
-    """One of a few fixed phrases, fit for counting by."""
+    """One of a few fixed phrases, suitable for counting."""
     size: int
 
 
@@ -56,7 +56,7 @@ NO_CALL = "neither events nor the answer that was asked for"
 
 
 def decode_events(data: bytes) -> list[InputEvent] | MalformedPacket:
-    """The events of one read. Never raises; of a read that is cut short nothing is taken."""
+    """Decode the events of one read; none of a truncated read. Never raises."""
     if not data:
         return MalformedPacket(EMPTY, 0)
     if len(data) % EVENT_BYTES:
@@ -65,7 +65,7 @@ def decode_events(data: bytes) -> list[InputEvent] | MalformedPacket:
 
 
 def encode_events(events: Iterable[InputEvent]) -> bytes:
-    """The bytes of `events`. Raises ValueError for a value that does not fit its field."""
+    """Encode events. Raises ValueError for a value that does not fit its field."""
     try:
         return b"".join(_EVENT.pack(*event) for event in events)
     except struct.error as error:

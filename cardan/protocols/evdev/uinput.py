@@ -1,4 +1,4 @@
-"""uinput: input devices made by a program. Source: linux/uinput.h."""
+"""uinput: input devices emulated by a program. Source: linux/uinput.h."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ UI_DEV_SETUP = ioc(1, "U", 3, _SETUP_BYTES)
 UI_ABS_SETUP = ioc(1, "U", 4, _ABS_SETUP_BYTES)
 SYSNAME_BYTES = 64
 UI_GET_SYSNAME = ioc(2, "U", 44, SYSNAME_BYTES)
-"""The device's name under /sys/devices/virtual/input ("input7")."""
+"""Request for the device's name under /sys/devices/virtual/input ("input7")."""
 UI_SET_EVBIT, UI_SET_KEYBIT, UI_SET_ABSBIT, UI_SET_MSCBIT, UI_SET_FFBIT = (
     ioc(1, "U", number, 4) for number in (100, 101, 103, 104, 107)
 )
@@ -44,7 +44,7 @@ UI_FF_UPLOAD, UI_FF_ERASE = 1, 2
 
 
 class EffectUpload(NamedTuple):
-    """The kernel passes on an effect that a client uploads."""
+    """Upload of an effect by a client, forwarded by the kernel."""
 
     request_id: int
     effect: Rumble | None
@@ -52,18 +52,18 @@ class EffectUpload(NamedTuple):
 
 
 def encode_setup(device_id: InputId, name: str, effects: int) -> bytes:
-    """The argument of UI_DEV_SETUP; `effects` is how many the device can hold at once."""
+    """Encode the argument of UI_DEV_SETUP; `effects` is the most that the device can hold."""
     text = name.encode()[: _NAME_BYTES - 1].ljust(_NAME_BYTES, b"\0")
     return encode_id(device_id) + text + struct.pack("@I", effects)
 
 
 def encode_abs_setup(code: int, info: AbsInfo) -> bytes:
-    """The argument of UI_ABS_SETUP."""
+    """Encode the argument of UI_ABS_SETUP."""
     return struct.pack("@Hxx", code) + encode_absinfo(info)
 
 
 def begin_upload(request_id: int) -> bytes:
-    """The argument of UI_BEGIN_FF_UPLOAD."""
+    """Encode the argument of UI_BEGIN_FF_UPLOAD."""
     return _UPLOAD_HEAD.pack(request_id, 0).ljust(_UPLOAD_BYTES, b"\0")
 
 
@@ -76,16 +76,16 @@ def decode_upload(argument: bytes) -> EffectUpload:
 
 
 def end_upload(argument: bytes, result: int) -> bytes:
-    """The argument of UI_END_FF_UPLOAD: `argument` with the `result` of the upload."""
+    """Encode the argument of UI_END_FF_UPLOAD: `argument` with the `result` of the upload."""
     request_id, _ = _UPLOAD_HEAD.unpack_from(argument)
     return _UPLOAD_HEAD.pack(request_id, result) + argument[_UPLOAD_HEAD.size :]
 
 
 def encode_erase(request_id: int, result: int = 0, effect_id: int = 0) -> bytes:
-    """The argument of UI_BEGIN_FF_ERASE and UI_END_FF_ERASE."""
+    """Encode the argument of UI_BEGIN_FF_ERASE and UI_END_FF_ERASE."""
     return _ERASE.pack(request_id, result, effect_id)
 
 
 def decode_erase(argument: bytes) -> int:
-    """The id of the effect to erase."""
+    """Decode the id of the effect to erase."""
     return int(_ERASE.unpack_from(argument)[2])

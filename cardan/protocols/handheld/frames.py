@@ -20,10 +20,10 @@ VERSION: Final = 0xC1
 MAX_JOINTS: Final = 16
 
 LARGEST: Final = 1e4
-"""No hand's number is larger, in m, m/s, m/s², rad/s, degrees or shares."""
+"""Largest plausible number of a device, in m, m/s, m/s², rad/s, degrees or shares."""
 
 LONGEST_US: Final = 2**53
-"""A page counts its time in doubles."""
+"""Largest page time that a double holds exactly."""
 
 _HOLD, _TRACKING, _VISIBLE = 1, 2, 4
 _KNOWN_FLAGS = _HOLD | _TRACKING | _VISIBLE
@@ -61,12 +61,12 @@ BUTTONS: Final = {
         "dpad-left", "dpad-right", "guide",
     ),
 }  # fmt: skip
-"""The buttons of each kind in the order of their bits, the lowest first. Those of xr and gamepad
-are in the order of the standard mappings (WebXR Gamepads Module; Gamepad, "standard")."""
+"""Buttons of each kind in the order of their bits, the lowest first. Those of xr and gamepad are in
+the order of the standard mappings (WebXR Gamepads Module; Gamepad, "standard")."""
 
 
 class JogTwist(NamedTuple):
-    """Move the TCP: m/s and rad/s along the axes of `frame`."""
+    """Velocity command for the TCP: m/s and rad/s along the axes of `frame`."""
 
     linear: Vector3
     angular: Vector3
@@ -74,33 +74,33 @@ class JogTwist(NamedTuple):
 
 
 class JogJoints(NamedTuple):
-    """Move the joints: rad/s, of a sliding one m/s, in the arm's order."""
+    """Velocity command for the joints in the arm's order: rad/s, of prismatic ones m/s."""
 
     rates: tuple[float, ...]
 
 
 class PhoneFrame(NamedTuple):
-    """A phone's sensors and what touches its screen."""
+    """A phone's sensors and touches of its screen."""
 
     angles_deg: Vector3 | None
-    """alpha, beta and gamma of the DeviceOrientationEvent; None: no sensor, or not allowed."""
+    """alpha, beta and gamma of the DeviceOrientationEvent; None: no sensor, or no permission."""
     drag_right: float = 0.0
     drag_up: float = 0.0
-    """How far the second finger is from where it was put down, along the screen as it is read; 1 is
+    """Displacement of the second finger since it touched the screen, along the upright screen; 1 is
     a third of the shorter side."""
     rates_rad_s: Vector3 | None = None
-    """Turning about the phone's x (right), y (top edge) and z (out of the screen)."""
+    """Angular rates about the phone's x (right), y (top edge) and z (out of the screen)."""
     acceleration_m_s2: Vector3 | None = None
     """Specific force along the same axes: at rest 9.81 upwards."""
     buttons: int = 0
     screen_quarters: int = 0
     """screen.orientation.angle in quarter turns."""
     reference: int = 0
-    """Reference of the angles: the page counts those that it has had, modulo 256."""
+    """Reference of the angles: the page's count of references, modulo 256."""
 
 
 class XrFrame(NamedTuple):
-    """A hand, or the viewer, in the axes of WebXR: x right, y up, -z forward."""
+    """A controller or the viewer, in the axes of WebXR: x right, y up, -z forward."""
 
     part: BodyPart
     position_m: Vector3
@@ -111,11 +111,11 @@ class XrFrame(NamedTuple):
     trigger: float = 0.0
     squeeze: float = 0.0
     reference: int = 0
-    """Reference of the pose: the page counts sessions and resets of them, modulo 256."""
+    """Reference of the pose: the page's count of sessions and their resets, modulo 256."""
 
 
 class GamepadFrame(NamedTuple):
-    """A pad of the Gamepad API with the standard mapping."""
+    """A gamepad of the Gamepad API with the standard mapping."""
 
     left_right: float
     left_down: float
@@ -134,15 +134,15 @@ class OperatorFrame(NamedTuple):
 
     body: Body
     hold: bool
-    """The dead-man control is held."""
+    """True while the dead-man control is held."""
     tracking: bool = True
-    """The sensors know the device's position."""
+    """True while the sensors know the device's position."""
     visible: bool = True
-    """The page is shown."""
+    """True while the page is visible."""
     channel: int = 0
     """Purpose for which the page has opened it."""
     sequence: int = 0
-    """Counts all frames of a page, modulo 2**32."""
+    """Count of the page's frames, modulo 2**32."""
     time_us: int = 0
     """The page's monotonic time, µs."""
 
@@ -153,7 +153,7 @@ class OperatorFrame(NamedTuple):
 
     @property
     def held_buttons(self) -> tuple[str, ...]:
-        """Names of the buttons that are down; without names for jog."""
+        """Names of the pressed buttons; empty for jog."""
         body = self.body
         if isinstance(body, (JogTwist, JogJoints)):
             return ()
@@ -219,7 +219,7 @@ def _encoded(body: Body) -> tuple[int, bytes]:
 
 
 def decode_frame(data: bytes) -> OperatorFrame | MalformedFrame:
-    """The frame in `data`. Never raises."""
+    """Decode the frame in `data`. Never raises."""
     if len(data) < _HEADER.size:
         return MalformedFrame(f"{len(data)} bytes, fewer than a header has")
     version, kind, flags, channel, sequence, time_us = _HEADER.unpack_from(data)
@@ -265,7 +265,7 @@ _NO_NUMBERS: Final = MalformedFrame("with numbers that are none, or too large")
 
 
 def _fine(values: tuple[float, ...]) -> bool:
-    # Whole numbers are of so few bits that they cannot be too large.
+    # Integers have too few bits to be too large.
     return all(isinstance(value, int) or abs(value) <= LARGEST for value in values)
 
 

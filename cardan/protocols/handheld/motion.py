@@ -1,4 +1,4 @@
-"""Displacement of the device since the dead-man control was held, and its plausibility."""
+"""Displacement of the device since the begin of the hold, and its plausibility."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from cardan.types import Quaternion, Vector3
 
 JUMP_M: Final = 0.05
 JUMP_RAD: Final = math.radians(35.0)
-"""A step of one frame to the next that may be a jump of the tracking: as teleop 0.1.5 has it."""
+"""Largest step between two frames that is no tracking jump, as in teleop 0.1.5."""
 
 HAND_M_S: Final = 3.0
 HAND_RAD_S: Final = 20.0
-"""No hand that drives an arm is faster. A step is a jump where it is above both: frames that were
-lost on the way make steps long, and not fast."""
+"""Fastest plausible motion. A jump is above both limits: lost frames make steps long, but not
+fast."""
 
 
 class PoseSample(NamedTuple):
@@ -35,11 +35,11 @@ class PoseSample(NamedTuple):
     """Time of the measurement, by the measuring clock."""
     orientation: Quaternion
     position: Vector3 | None = None
-    """m; None where it is not measured."""
+    """Position, m; None if not measured."""
 
 
 def jump(before: PoseSample, now: PoseSample) -> str:
-    """Explain a position jump from `before` to `now`; empty: the step is possible."""
+    """Explain a position jump from `before` to `now`; empty if the step is possible."""
     dt_s = max(now.time_s - before.time_s, 0.0)
     angle = norm(rotation_between(before.orientation, now.orientation))
     if angle > JUMP_RAD and angle > HAND_RAD_S * dt_s:
@@ -53,7 +53,7 @@ def jump(before: PoseSample, now: PoseSample) -> str:
 
 
 def elsewhere(before: PoseSample, now: PoseSample) -> bool:
-    """Whether `now` is another place than `before`, however long it took."""
+    """True if `now` is another place than `before`, whatever the time between."""
     angle = norm(rotation_between(before.orientation, now.orientation))
     if angle > JUMP_RAD:
         return True
@@ -63,8 +63,8 @@ def elsewhere(before: PoseSample, now: PoseSample) -> bool:
 
 
 class Held:
-    """Displacement of the device since it was held. The turn goes on beyond half a turn without a
-    jump."""
+    """Displacement of the device since the begin of the hold. The rotation continues beyond half a
+    turn without a jump."""
 
     def __init__(self, began: PoseSample) -> None:
         self._began = began
@@ -81,15 +81,14 @@ class Held:
         return Vector3(q.x * factor, q.y * factor, q.z * factor)
 
     def way(self, now: PoseSample) -> Vector3:
-        """m; zero where it is not measured."""
+        """Translation, m; zero if not measured."""
         if now.position is None or self._began.position is None:
             return Vector3(0.0, 0.0, 0.0)
         return subtract(now.position, self._began.position)
 
 
 class Yaw:
-    """The angle between the heading of a reference, which may be anything, and the robot's x
-    axis."""
+    """Angle between a reference, whose heading is arbitrary, and the robot's x axis."""
 
     def __init__(self, yaw_rad: float = 0.0) -> None:
         self.yaw_rad = yaw_rad
@@ -104,26 +103,26 @@ class Yaw:
 
     @classmethod
     def of_xr(cls, q: Quaternion) -> Yaw:
-        """Align by a controller that points along it; `q` along our axes."""
+        """Align by a controller that points along it; `q` is along our axes."""
         forward = rotate(q, Vector3(1.0, 0.0, 0.0))
         return cls(math.atan2(forward.y, forward.x))
 
     def vector(self, v: Vector3) -> Vector3:
-        """Along the robot's axes."""
+        """Convert a vector to the robot's axes."""
         return rotate(self._back, v)
 
     def orientation(self, q: Quaternion) -> Quaternion:
-        """Along the robot's axes."""
+        """Convert an orientation to the robot's axes."""
         return multiply(self._back, q)
 
 
 def drag_on_screen(right: float, up: float, quarters: int) -> Vector3:
-    """A way of a finger on the screen, as it is read, along the phone's own axes."""
+    """Convert a finger's displacement on the upright screen to the phone's own axes."""
     x, y = ((right, up), (up, -right), (-right, -up), (-up, right))[quarters]
     return Vector3(x, y, 0.0)
 
 
 def pitched(q: Quaternion, angle_rad: float) -> Quaternion:
-    """`q` with its own axes pitched, nose up: the grip of a controller is not where a hand
-    points."""
+    """Pitch `q` about its own axes, nose up: a controller's grip does not point where the device
+    does."""
     return multiply(q, from_rotation_vector(Vector3(0.0, -angle_rad, 0.0)))

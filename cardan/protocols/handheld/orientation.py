@@ -1,9 +1,9 @@
 """The axes of phones and of WebXR.
 
-A phone's: x right, y to the top edge, z out of the screen; they do not turn with the picture. The
-reference is z up, with a heading that may be anything. Its angles are intrinsic Z-X'-Y'', whose
-singular pose is the upright phone: nothing here computes with single angles. Source: W3C,
-DeviceOrientation Event Specification, 4.1 and appendix A.
+A phone's: x right, y to the top edge, z out of the screen, whatever the picture's orientation. The
+reference is z up, with an arbitrary heading. Its angles are intrinsic Z-X'-Y'', whose singular pose
+is the upright phone: nothing here computes with single angles. Source: W3C, DeviceOrientation Event
+Specification, 4.1 and appendix A.
 
 WebXR's: x right, y up, -z forward (W3C, WebXR Device API). Ours: x forward, y left, z up.
 """
@@ -18,12 +18,12 @@ from cardan.types import Quaternion, Vector3
 _SINGULAR = 1.0 - 1e-12
 
 FLAT = 0.5
-"""Share of the top edge's direction that is horizontal, below which the back of the phone says
-where it points: an upright phone's top edge points to the sky."""
+"""Horizontal share of the top edge's direction below which the phone's back tells the heading: an
+upright phone's top edge points to the sky."""
 
 
 def from_angles(alpha_deg: float, beta_deg: float, gamma_deg: float) -> Quaternion:
-    """The phone in its reference: Rz(alpha)·Rx(beta)·Ry(gamma)."""
+    """Orientation of the phone in its reference: Rz(alpha)·Rx(beta)·Ry(gamma)."""
     x, y, z = (math.radians(0.5 * each) for each in (beta_deg, gamma_deg, alpha_deg))
     cx, cy, cz = math.cos(x), math.cos(y), math.cos(z)
     sx, sy, sz = math.sin(x), math.sin(y), math.sin(z)
@@ -36,7 +36,8 @@ def from_angles(alpha_deg: float, beta_deg: float, gamma_deg: float) -> Quaterni
 
 
 def to_angles(q: Quaternion) -> tuple[float, float, float]:
-    """alpha, beta and gamma (degrees) as a browser gives them: 0 to 360, -180 to 180, -90 to 90."""
+    """Return alpha, beta and gamma (degrees) in a browser's ranges: 0 to 360, -180 to 180, -90 to
+    90."""
     w, x, y, z = q
     # The last row of the rotation matrix is (-cos beta sin gamma, sin beta, cos beta cos gamma).
     r20, r22 = 2.0 * (x * z - w * y), 1.0 - 2.0 * (x * x + y * y)
@@ -63,7 +64,7 @@ def heading_rad(q: Quaternion) -> float:
 
 
 def position_from_xr(p: Vector3) -> Vector3:
-    """A position, or any vector, of WebXR along our axes."""
+    """Convert a position, or any vector, of WebXR to our axes."""
     return Vector3(-p.z, -p.x, p.y)
 
 

@@ -1,9 +1,9 @@
-"""The message of the public page `teleop` (SpesRobotics, release 0.1.5), which LeRobot embeds.
+"""Messages of the public page `teleop` (SpesRobotics, release 0.1.5), which LeRobot embeds.
 
 A text frame ``{"type": "pose", "data": {"position": {x, y, z}, "orientation": {x, y, z, w}, "move":
 bool, "scale": 1.0, "reservedButtonA": bool, "reservedButtonB": bool}}`` for each frame of a WebXR
-session, in WebXR's axes. It has no time and no number of its own. ``{"type": "log", ...}`` is for
-people.
+session, in WebXR's axes. It has neither a time nor a number. ``{"type": "log", ...}`` is text for
+the operator.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cardan.protocols.handheld.frames import (
 from cardan.types import Quaternion, Vector3
 
 LONGEST_TEXT: Final = 4096
-"""Characters; a message has some 250."""
+"""Longest message, characters; a usual one has some 250."""
 
 
 class TeleopPose(NamedTuple):
@@ -37,10 +37,10 @@ class TeleopPose(NamedTuple):
     a: bool = False
     b: bool = False
     scale: float = 1.0
-    """Speed by the page's slider; the session's mapping has its own, which counts."""
+    """Speed by the page's slider; ignored in favor of the session's mapping."""
 
     def frame(self, sequence: int, time_us: int, channel: int) -> OperatorFrame:
-        """The same as an operator frame."""
+        """Convert to an operator frame."""
         names = BUTTONS["xr"]
         buttons = self.a << names.index("a") | self.b << names.index("b")
         body = XrFrame(BodyPart.VIEWER, self.position_m, self.orientation, buttons)
@@ -48,11 +48,11 @@ class TeleopPose(NamedTuple):
 
 
 class TeleopLog(NamedTuple):
-    """Information for people from the page; ignored."""
+    """Text for the operator from the page; ignored."""
 
 
 def decode_teleop(text: str) -> TeleopPose | TeleopLog | MalformedFrame | None:
-    """Decode the message in a text frame; None: it is not teleop's. Never raises."""
+    """Decode the message in a text frame; None if it is not teleop's. Never raises."""
     if len(text) > LONGEST_TEXT or '"type"' not in text:
         return None
     try:
@@ -74,7 +74,7 @@ def decode_teleop(text: str) -> TeleopPose | TeleopLog | MalformedFrame | None:
     if not 0.99 < length < 1.01:
         return MalformedFrame(f"of teleop with an orientation of the length {length:.3g}, not 1")
     unit = Quaternion(*(each / length for each in orientation))
-    # Any value but true releases the control.
+    # Any value but true is a release of the control.
     move, a, b = (data.get(key) is True for key in ("move", "reservedButtonA", "reservedButtonB"))
     return TeleopPose(Vector3(*position), unit, move, a, b, float(scale))
 

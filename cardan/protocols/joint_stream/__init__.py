@@ -1,4 +1,5 @@
-"""The joint stream: states of a joint-controlled arm one way, joint commands the other.
+"""Joint stream protocol: states of a joint-controlled arm in one direction, joint commands in the
+other.
 
-Our own protocol, for the simulated arm; docs/simulated-peers.md describes it.
+It is Cardan's own, for the simulated arm; docs/simulated-peers.md describes it.
 """

@@ -1,4 +1,4 @@
-"""Bytes of the joint stream, little-endian. Decoding never raises: it gives a value or a reason."""
+"""Codec of the joint stream, little-endian. Decoding never raises: it gives a value or a reason."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _STATE, _COMMAND = 1, 2
 _HEADER = struct.Struct("<4sBBBBIId")
 """Magic, version, kind, mode, joints, session, sequence, stamp."""
 _STATE_FIXED = 1 + 7 + 6
-"""Numbers in a state besides those of the joints: period, TCP pose, TCP wrench."""
+"""Count of numbers in a state besides those of the joints: period, TCP pose, TCP wrench."""
 
 MAX_DATAGRAM_BYTES = _HEADER.size + 4 + 8 * (3 * MAX_JOINTS + _STATE_FIXED) + 1 + MAX_REASON_BYTES
 _HALF = 1 << 31
@@ -49,46 +49,46 @@ class MalformedDatagram(NamedTuple):
 
 
 class ArmState(NamedTuple):
-    """State that the controller measured at one of its cycles."""
+    """State that the controller measured in one of its cycles."""
 
     session: int
-    """Changes when the controller restarts."""
+    """Number that changes when the controller restarts."""
     sequence: int
-    """Counts the states of a session; wraps at 2^32."""
+    """Count of the session's states; wraps at 2^32."""
     stamp_s: float
-    """The controller's own clock."""
+    """Time by the controller's clock, s."""
     mode: ControlMode
     acknowledged: int
-    """Sequence of the newest command taken; 0 before any."""
+    """Sequence of the newest accepted command; 0 before any."""
     period_s: float
-    """The controller's cycle."""
+    """Cycle of the controller, s."""
     positions: tuple[float, ...]
     """rad or m, kinematic order."""
     velocities: tuple[float, ...]
     torques: tuple[float, ...]
     """Torques of the drives, N·m or N."""
     pose: tuple[float, ...]
-    """TCP in the base: x y z in m, then the unit quaternion w x y z."""
+    """TCP in the base frame: x y z in m, then the unit quaternion w x y z."""
     wrench: tuple[float, ...]
-    """Wrench of the TCP on the world, base axes, about the TCP: N, then N·m."""
+    """Wrench of the TCP on the environment, base axes, about the TCP: N, then N·m."""
     reason: str = ""
     """Reason why commands do not act; empty when they do."""
 
 
 class ArmCommand(NamedTuple):
-    """The command to the arm from now on."""
+    """Command to the arm from now on."""
 
     session: int
-    """The session it is meant for; 0 in a hold that asks to be sent states."""
+    """Session it is meant for; 0 in a hold that requests states."""
     sequence: int
-    """Counts up from 1; wraps at 2^32."""
+    """Count from 1; wraps at 2^32."""
     stamp_s: float
-    """The sender's clock."""
+    """Time by the sender's clock, s."""
     mode: ControlMode
     values: tuple[float, ...] = ()
-    """rad, rad/s or N·m by mode (m, m/s, N for a prismatic joint); none in a hold."""
+    """Values in rad, rad/s or N·m by mode (m, m/s, N for a prismatic joint); none in a hold."""
     feed_forward: tuple[float, ...] = ()
-    """Speed at `values`, rad/s or m/s; in mode POSITION only, as many as values."""
+    """Speed at `values`, rad/s or m/s; only in mode POSITION, as many as values."""
 
 
 @cache
@@ -107,7 +107,7 @@ def is_newer(sequence: int, than: int) -> bool:
 
 
 def encode_state(state: ArmState) -> bytes:
-    """The datagram of `state`; a reason that is too long is cut. ValueError for wrong lengths."""
+    """Encode `state`; truncate a too long reason. Raises ValueError for wrong lengths."""
     joints = len(state.positions)
     if not (
         1 <= joints <= MAX_JOINTS
@@ -136,7 +136,7 @@ def encode_state(state: ArmState) -> bytes:
 
 
 def encode_command(command: ArmCommand, joints: int) -> bytes:
-    """The datagram of `command` to an arm with `joints` joints. ValueError for wrong lengths."""
+    """Encode `command` for an arm with `joints` joints. Raises ValueError for wrong lengths."""
     values = command.values
     if command.mode is ControlMode.POSITION:
         values = (*values, *(command.feed_forward or (0.0,) * joints))
@@ -158,7 +158,7 @@ def encode_command(command: ArmCommand, joints: int) -> bytes:
 
 
 def is_command(data: bytes) -> bool:
-    """Whether the kind of a datagram, which may be malformed, is that of a command."""
+    """True if the kind of a datagram, which may be malformed, is that of a command."""
     return data[5:6] == bytes((_COMMAND,))
 
 
@@ -202,7 +202,8 @@ def decode_state(data: bytes) -> ArmState | MalformedDatagram:
 
 
 def decode_command(data: bytes) -> ArmCommand | MalformedDatagram:
-    """Decode a command, or return why not. `feed_forward` is always there in mode POSITION."""
+    """Decode a command, or return why `data` is invalid. `feed_forward` is complete in mode
+    POSITION."""
     head = _header(data, _COMMAND)
     if isinstance(head, MalformedDatagram):
         return head

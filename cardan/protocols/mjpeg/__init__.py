@@ -1,4 +1,4 @@
-"""Motion JPEG over HTTP: pictures as the parts of one answer without an end.
+"""Motion JPEG over HTTP: pictures as the parts of one endless response.
 
 Source: RFC 2046, 5.1 (multipart); `multipart/x-mixed-replace`, as network cameras, mjpg-streamer,
 ESP32 cameras and web_video_server of ROS send it.
@@ -10,10 +10,10 @@ import re
 from typing import Final
 
 MAX_PICTURE_BYTES: Final = 4 * 2**20
-"""Largest picture; those of cameras with 4K have 1 to 2 MB."""
+"""Largest picture, bytes; those of 4K cameras have 1 to 2 MB."""
 
 MAX_HEAD_BYTES: Final = 4096
-"""Largest head: the lines before a picture."""
+"""Largest head, the lines before a picture, bytes."""
 
 START: Final = b"\xff\xd8"
 """First bytes of every JPEG."""
@@ -35,19 +35,19 @@ def boundary_of(content_type: str) -> str | None:
 
 
 class PictureParser:
-    """Parser of an answer's body into pictures. It holds one picture at most."""
+    """Parser of a response's body to pictures. It holds at most one picture."""
 
     def __init__(self, boundary: str) -> None:
         self._line = b"--" + boundary.encode("latin-1", "replace")
         self._held = bytearray()
         self._length: int | None = None
-        """Bytes of the current picture, if its head has them."""
+        """Length of the current picture, bytes, if its head has it."""
         self._within = False
-        """The head of a part has been read."""
+        """True once the head of a part has been read."""
         self._searched = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The pictures that are whole now. Raises MjpegError."""
+        """Return the pictures that are complete now. Raises MjpegError."""
         self._held += data
         found: list[bytes] = []
         while self._within or self._head():
@@ -59,11 +59,11 @@ class PictureParser:
         return found
 
     def _head(self) -> bool:
-        """Read the lines before a picture; whether they are all there."""
+        """Read the lines before a picture; return True once they are complete."""
         held = self._held
         begin = held.find(self._line)
         if begin < 0:
-            # Drop bytes before the first boundary, of which the end may be a part.
+            # Drop bytes before the first boundary; their end may be a part of it.
             del held[: max(0, len(held) - len(self._line))]
             return False
         ends = [

@@ -1,1 +1,1 @@
-"""ROS 2 on the wire, without ROS: interfaces, CDR, type hashes, and rmw_zenoh's names."""
+"""ROS 2's wire formats without ROS: interfaces, CDR, type hashes, and rmw_zenoh's names."""

@@ -1,4 +1,4 @@
-"""The goals of an action server: the state of each, and what is reported to its client.
+"""Goals of an action server: their states, and the reports to their clients.
 
 Source: design.ros2.org, "Actions"; action_msgs.
 """
@@ -15,11 +15,11 @@ STATUS_QOS = Qos(transient_local=True, depth=1)
 FEEDBACK_QOS = Qos(depth=10)
 
 KEPT_S = 900.0
-"""Time for which a result is kept for later requests: rcl's own 15 minutes."""
+"""Time for which a result is kept for later requests: 15 minutes, as in rcl."""
 
 KEPT = 64
-"""Most goals that are kept; of more, the ones that ended first are forgotten. As many cancellations
-of goals that have not come are kept: the newest ones."""
+"""Most goals kept, and most cancellations of goals that have not arrived. Beyond it the goals that
+ended first, and the oldest cancellations, are dropped."""
 
 NO_ID = bytes(16)
 
@@ -40,7 +40,7 @@ class GoalStatus(IntEnum):
 
     @property
     def over(self) -> bool:
-        """Whether it stays so."""
+        """True if the status is final."""
         return self >= GoalStatus.SUCCEEDED
 
 
@@ -59,38 +59,38 @@ class Goal:
     def __init__(self, goal_id: bytes, stamp_ns: int) -> None:
         self.id = goal_id
         self.stamp_ns = stamp_ns
-        """Time of acceptance, since the epoch."""
+        """Time of acceptance since the epoch, ns."""
         self.status = GoalStatus.ACCEPTED
         self.result: Message | None = None
         self.over_s = 0.0
-        """Time of its end, by a monotonic clock."""
+        """Time of its end, monotonic, s."""
 
     def info(self) -> Message:
-        """Return it as action_msgs/GoalInfo."""
+        """Convert to action_msgs/GoalInfo."""
         return {"goal_id": {"uuid": self.id}, "stamp": _time(self.stamp_ns)}
 
 
 class Goals:
-    """The goals of one action server. For one thread at a time.
+    """Goals of one action server.
 
-    A goal and its cancellation come through two services, between which nothing in ROS 2 keeps the
-    order. A cancellation of a goal that has not come is answered with UNKNOWN_GOAL_ID, as there is
-    no goal to name, and remembered: ids are made for one goal each. The goal is then accepted as
-    one that is being canceled, and must not begin. It is not rejected, because only an accepted
-    goal has a result, and a client that waits for it has to be told CANCELED.
+    Not thread-safe. A goal and its cancellation come through two services, between which ROS 2
+    guarantees no order. A cancellation of a goal that has not arrived is answered with
+    UNKNOWN_GOAL_ID and remembered: each id belongs to one goal. The goal is then accepted as one
+    that is being canceled, and must not begin. It is not rejected, because only an accepted goal
+    has a result, and a client that waits for the result must get CANCELED.
     """
 
     def __init__(self, retained: int = KEPT, retained_s: float = KEPT_S) -> None:
         self._retained, self._retained_s = retained, retained_s
         self._goals: dict[bytes, Goal] = {}
         self._canceled_before: dict[bytes, None] = {}
-        """Ids of goals that were canceled and have not come: the newest last."""
+        """Ids of canceled goals that have not arrived, the newest last."""
 
     def accept(self, goal_id: bytes, now_ns: int, now_s: float) -> Goal | None:
-        """A new goal, CANCELING where it was canceled before it came; None for an id that there is
-        already, or where all that are kept go on.
+        """Add a goal, CANCELING if it was canceled before it arrived.
 
-        `now_ns` since the epoch, `now_s` monotonic.
+        Return None for a known id, or if the table is full of active goals. `now_ns` is since the
+        epoch, `now_s` monotonic.
         """
         self._forget(now_s)
         if goal_id in self._goals or len(self._goals) >= self._retained:
@@ -102,16 +102,16 @@ class Goals:
         return goal
 
     def find(self, goal_id: bytes) -> Goal | None:
-        """The goal with this id, while it is kept."""
+        """Return the goal with this id, while it is kept."""
         return self._goals.get(goal_id)
 
     def execute(self, goal: Goal) -> None:
-        """Mark it as executing, unless it is being canceled."""
+        """Mark a goal as executing, unless it is being canceled."""
         if goal.status is GoalStatus.ACCEPTED:
             goal.status = GoalStatus.EXECUTING
 
     def finish(self, goal: Goal, status: GoalStatus, result: Message, now_s: float) -> bool:
-        """End it with `result`; return False if it had already ended."""
+        """End a goal with `result`; return False if it had already ended."""
         if goal.status.over:
             return False
         goal.result, goal.over_s = result, now_s
@@ -119,10 +119,10 @@ class Goals:
         return True
 
     def cancel(self, request: Message) -> tuple[Message, list[Goal]]:
-        """The response to a CancelGoal request, and the goals that are to end now.
+        """Return the response to a CancelGoal request, and the goals that are to end now.
 
-        Without an id: all; with a stamp: all that were accepted until then; with both: that one,
-        too.
+        Without an id: all; with a stamp: all that were accepted until then; with both: also the one
+        with the id.
         """
         info = request["goal_info"]
         wanted = bytes(info["goal_id"]["uuid"])

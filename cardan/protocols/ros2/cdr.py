@@ -1,4 +1,4 @@
-"""Messages as plain CDR, version 1: the encoding that all middlewares of ROS 2 share.
+"""Codec of messages as plain CDR, version 1: the encoding that all middlewares of ROS 2 share.
 
 A message is a dictionary of its fields, nested messages are dictionaries within; ``uint8[]``,
 ``byte[]`` and ``char[]`` are bytes, other arrays lists. Decoding never raises: it gives a message,
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from cardan.protocols.ros2.interfaces import DUMMY_MEMBER, Field, message_type, revised
 
 Message = dict[str, Any]
-"""A message's fields by name, in wire order."""
+"""Fields of a message by name, in wire order."""
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """Header of plain CDR, little-endian."""
@@ -34,7 +34,7 @@ _LENGTH = {order: struct.Struct(f"{order}I") for order in "<>"}
 
 
 class CdrError(ValueError):
-    """A message that its type cannot carry; the text says what and why."""
+    """A message does not fit its type; the text names the field and the reason."""
 
 
 class MalformedCdr(NamedTuple):
@@ -56,7 +56,7 @@ class _Array(NamedTuple):
     leaf: int
     field: Field
     code: str = ""
-    """Empty for texts and messages."""
+    """Number format; empty for texts and messages."""
 
 
 class _Text(NamedTuple):
@@ -70,14 +70,14 @@ _Shape = tuple[tuple[str, Any], ...]
 
 
 def _ends_empty(name: str) -> bool:
-    """Whether a message ends with one that has no fields, or is one."""
+    """True if a message is empty, or its last field is an empty message."""
     last = message_type(name).fields[-1]
     return last.name == DUMMY_MEMBER or (last.nested and not last.array and _ends_empty(last.base))
 
 
 @cache
 def _padded(order: str, codes: str, phase: int) -> struct.Struct:
-    """The numbers `codes`, aligned, beginning at a position that is `phase` modulo 8."""
+    """Format of the aligned numbers `codes`, beginning at a position that is `phase` modulo 8."""
     text, position = order, phase
     for code in codes:
         size = _SIZES[code]
@@ -91,7 +91,7 @@ class Codec:
     """Encodes and decodes messages of one type."""
 
     def __init__(self, name: str) -> None:
-        """Raises InterfaceError for a type that is not known."""
+        """Compile the codec. Raises InterfaceError for an unknown type."""
         self.name = name
         self._leaves = 0
         self._steps: list[_Step] = []
@@ -120,23 +120,23 @@ class Codec:
         return tuple(shape)
 
     def encode(self, message: Mapping[str, Any]) -> bytes:
-        """`message` with its encapsulation, of exact length. Raises CdrError."""
+        """Encode `message` with its encapsulation, at exact length. Raises CdrError."""
         parts = [ENCAPSULATION]
         self._write(message, parts, 0)
         return b"".join(parts)
 
     def decode(self, data: bytes) -> Message | MalformedCdr:
-        """The message in `data`, of either byte order; trailing zeros are tolerated."""
+        """Decode the message in `data`, of either byte order; trailing zeros are tolerated."""
         found = self._decoded(data)
         if found is None and self._ends_empty:
-            # A message without fields has one byte, which some programs leave out.
+            # A message without fields has one byte, which some programs omit.
             found = self._decoded(b"".join((data, b"\0")))
         if found is None:
             return MalformedCdr(f"{self.name}: {len(data) - len(ENCAPSULATION)} bytes are too few")
         return found
 
     def _decoded(self, data: bytes) -> Message | MalformedCdr | None:
-        """The message in `data`; None where there is more to it."""
+        """Decode the message in `data`; None if it is longer than the type."""
         order = {b"\x00\x01": "<", b"\x00\x00": ">"}.get(bytes(data[:2]))
         if order is None or len(data) < len(ENCAPSULATION):
             return MalformedCdr(
@@ -156,8 +156,8 @@ class Codec:
         return message
 
     def exact(self, data: bytes) -> bytes:
-        """`data` without up to three zeros that pad it behind its message, as messages of DDS have
-        them; as it is where it is no message of this type."""
+        """Strip up to three zeros that pad `data` behind its message, as DDS does; return it
+        unchanged if it is no message of this type."""
         if self._whole:
             return data
         body = memoryview(data)[len(ENCAPSULATION) :]
@@ -171,7 +171,7 @@ class Codec:
 
     @property
     def whole(self) -> bool:
-        """Whether its length is always a multiple of four bytes."""
+        """True if its length is always a multiple of four bytes."""
         return self._whole
 
     def _ends_whole(self) -> bool:
@@ -184,7 +184,7 @@ class Codec:
             return codec_of(last.field.base).whole
         return bool(last.code) and _SIZES[last.code] >= 4
 
-    # -- to bytes --------------------------------------------------------------------------------
+    # -- encoding --------------------------------------------------------------------------------
 
     def _write(self, message: Mapping[str, Any], parts: list[bytes], position: int) -> int:
         values: list[Any] = []
@@ -252,7 +252,7 @@ class Codec:
         parts.append(_PADDING[gap] + data)
         return position + gap + len(data)
 
-    # -- from bytes ------------------------------------------------------------------------------
+    # -- decoding ----------------------------------------------------------------------------------
 
     def _read(self, reader: _Reader) -> Message:
         values: list[Any] = []
@@ -292,15 +292,15 @@ def _built(shape: _Shape, values: Sequence[Any]) -> Message:
 
 
 class _ShortError(Exception):
-    """The bytes end before the message does."""
+    """The bytes end before the message."""
 
 
 class _BadError(Exception):
-    """The bytes cannot be what the type says."""
+    """The bytes contradict the type."""
 
 
 class _Reader:
-    """Takes values from the bytes behind an encapsulation."""
+    """Reader of values from the bytes after an encapsulation."""
 
     def __init__(self, body: memoryview, order: str) -> None:
         self.position = 0
@@ -316,7 +316,7 @@ class _Reader:
         return values
 
     def length(self, field: Field) -> int:
-        """The number of elements that follow: each has a byte at least."""
+        """Read the number of following elements: each has at least one byte."""
         count: int = self.numbers("I")[0]
         if field.array == "bounded" and count > field.length:
             raise _BadError(f"{field.name} has {count} elements; allowed: {field.length}")
@@ -358,13 +358,13 @@ class _Reader:
 
 @cache
 def codec_of(name: str) -> Codec:
-    """The codec of the message called `name` in full. Raises InterfaceError."""
+    """Return the codec of the message with the full name `name`. Raises InterfaceError."""
     return Codec(name)
 
 
 def decoded(name: str, data: bytes) -> tuple[str, Message | MalformedCdr]:
-    """The message called `name` in full, and its type: a later revision of `name`, which is longer,
-    where it is one. Raises InterfaceError."""
+    """Decode the message with the full name `name`; return it with its type, which may be a later,
+    longer revision of `name`. Raises InterfaceError."""
     for each in filter(None, (revised(name), name)):
         message = codec_of(each).decode(data)
         if not isinstance(message, MalformedCdr):
@@ -385,19 +385,18 @@ class Template:
     """
 
     def __init__(self, name: str, message: Mapping[str, Any]) -> None:
-        """Raises CdrError and InterfaceError."""
+        """Encode the initial message. Raises CdrError and InterfaceError."""
         self.data = bytearray(codec_of(name).encode(message))
-        """The encoded message, always complete."""
+        """Encoded message, always complete."""
         reader = _Reader(memoryview(bytes(self.data))[len(ENCAPSULATION) :], "<")
         self._places: dict[str, tuple[int, str]] = {}
         self._slots: dict[str, Callable[..., None]] = {}
         _find_places(codec_of(name), reader, "", self._places)
 
     def slot(self, path: str) -> Callable[..., None]:
-        """A function that overwrites the numbers at `path`, all of them, in wire order: a field
-        ("header.stamp.sec"), an array of numbers ("position"), or a message of nothing but numbers
-        ("pose", "transforms.0.transform"). Raises KeyError for what has no numbers.
-        """
+        """Return a function that overwrites all numbers at `path` in wire order: of a field
+        ("header.stamp.sec"), an array of numbers ("position"), or a message of numbers only
+        ("pose", "transforms.0.transform"). Raises KeyError if there are no numbers."""
         if path in self._slots:
             return self._slots[path]
         places = [
@@ -422,8 +421,8 @@ class Template:
 def _find_places(
     codec: Codec, reader: _Reader, path: str, places: dict[str, tuple[int, str]]
 ) -> None:
-    """Find the numbers of a message, by their paths: position in the body, and codes; a text has
-    none."""
+    """Find the numbers of a message by path: their position in the body, and codes; none for a
+    text."""
     names = dict(_leaf_names(codec._shape, path))
     for step in codec._steps:
         if isinstance(step, _Numbers):

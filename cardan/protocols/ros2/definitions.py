@@ -1,7 +1,7 @@
-"""Interfaces that Cardan uses, as the files of a ROS 2 installation declare them.
+"""Definitions of the interfaces that Cardan uses, as in the files of a ROS 2 installation.
 
-Each begins with a line ``@PACKAGE/KIND/NAME``; what follows is its ``.msg``, ``.srv`` or
-``.action`` file without comments. Fields are in wire order.
+Each begins with a line ``@PACKAGE/KIND/NAME``, followed by its ``.msg``, ``.srv`` or ``.action``
+file without comments. Fields are in wire order.
 """
 
 TEXT = """\

@@ -1,4 +1,4 @@
-"""ROS graph by liveliness tokens: nodes, topics, services, and the nodes that have them."""
+"""ROS graph from liveliness tokens: nodes, topics, services, and the nodes that have them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from cardan.protocols.ros2.zenoh import NODE, PUBLISHER, SERVICE, SUBSCRIPTION, 
 
 
 class Graph:
-    """Entities on the bus. Tokens may come twice, and leave without having come."""
+    """Entities on the bus. Tokens may be declared twice, or removed without having been
+    declared."""
 
     def __init__(self) -> None:
         self._entities: dict[str, Entity] = {}
@@ -16,7 +17,7 @@ class Graph:
         """Number of tokens that are not ROS 2's."""
 
     def add(self, token: str) -> Entity | None:
-        """A token has appeared; the entity where it is a new one."""
+        """Add a declared token; return the entity if it is new."""
         entity = Entity.parse(token)
         if entity is None:
             self.strange += 1
@@ -27,43 +28,43 @@ class Graph:
         return entity
 
     def remove(self, token: str) -> Entity | None:
-        """A token has disappeared; the entity that it was."""
+        """Remove a token; return its entity."""
         return self._entities.pop(token, None)
 
     def clear(self) -> None:
-        """The bus is gone."""
+        """Remove all tokens, because the bus is gone."""
         self._entities.clear()
 
     def entities(self, *kinds: str) -> list[Entity]:
-        """Return entities of these kinds, of all kinds where none is named."""
+        """Return entities of these kinds; without arguments, of all."""
         return [each for each in self._entities.values() if not kinds or each.kind in kinds]
 
     def nodes(self) -> list[str]:
-        """Full names of all nodes, sorted."""
+        """Return the full names of all nodes, sorted."""
         return sorted({each.full_node for each in self._entities.values()})
 
     def sessions(self) -> set[str]:
-        """The Zenoh sessions that have nodes."""
+        """Return the Zenoh sessions that have nodes."""
         return {each.zid for each in self._entities.values()}
 
     def topics(self) -> dict[str, str]:
-        """The type of each topic with a publisher or a subscription."""
+        """Return the type of each topic with a publisher or a subscription."""
         return _types(self.entities(PUBLISHER, SUBSCRIPTION))
 
     def services(self) -> dict[str, str]:
-        """The type of each service that a node offers."""
+        """Return the type of each service that a node offers."""
         return _types(self.entities(SERVICE))
 
     def publishers(self, topic: str) -> list[Entity]:
-        """Publishers of `topic`."""
+        """Return the publishers of `topic`."""
         return self._having(topic, PUBLISHER)
 
     def subscribers(self, topic: str) -> list[Entity]:
-        """Subscribers of `topic`."""
+        """Return the subscribers of `topic`."""
         return self._having(topic, SUBSCRIPTION)
 
     def servers(self, service: str) -> list[Entity]:
-        """Servers of `service`."""
+        """Return the servers of `service`."""
         return self._having(service, SERVICE)
 
     def by_name(self, kind: str) -> dict[str, list[Entity]]:
@@ -78,7 +79,7 @@ class Graph:
 
 
 def _types(entities: Iterable[Entity]) -> dict[str, str]:
-    """Types by name, sorted by name; of several types, the one that was there first."""
+    """Return types by name, sorted by name; of several types, the first declared."""
     types: dict[str, str] = {}
     for each in entities:
         if each.kind != NODE:

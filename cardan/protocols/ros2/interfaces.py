@@ -1,8 +1,8 @@
 """ROS 2 interfaces: fields of the messages, services and actions that Cardan knows.
 
-`definitions` has their ``.msg``, ``.srv`` and ``.action`` files (docs.ros.org, "Interfaces"). The
-types that rosidl derives of a service or an action (``..._Request``, ``..._SendGoal_Response``,
-...) are made here.
+`definitions` has their ``.msg``, ``.srv`` and ``.action`` files (docs.ros.org, "Interfaces"). This
+module makes the types that rosidl derives from a service or an action (``..._Request``,
+``..._SendGoal_Response``, ...).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ FILES = {
     name: text
     for name, _, text in (each.partition("\n") for each in TEXT.removeprefix("@").split("\n@"))
 }
-"""The text of each interface's file, by its full name."""
+"""Text of each interface's file, by its full name."""
 
 SINCE_KILTED = "SinceKilted"
-"""At the end of a type's name: as Kilted and later have it. On the wire it has its own name."""
+"""Suffix of a type's name for its revision of Kilted and later; the wire has the plain name."""
 
 _FOLLOW = "control_msgs/action/FollowJointTrajectory"
 _REVISED = {
@@ -28,7 +28,7 @@ _REVISED = {
 }
 
 DUMMY_MEMBER = "structure_needs_at_least_one_member"
-"""The one byte of a message without fields."""
+"""The single byte of a message without fields."""
 
 INTEGERS = {
     "int8": (-(1 << 7), (1 << 7) - 1),
@@ -49,7 +49,7 @@ PRIMITIVES = frozenset({*INTEGERS, *FLOATS, "bool", "string"})
 
 
 class InterfaceError(ValueError):
-    """There is no such interface, or its file cannot be understood; the message says which."""
+    """There is no such interface, or its file cannot be parsed; the message tells which."""
 
 
 class Field(NamedTuple):
@@ -57,9 +57,10 @@ class Field(NamedTuple):
 
     name: str
     base: str
-    """A primitive type's name, or the full name of a message ("geometry_msgs/msg/Point")."""
+    """Name of a primitive type, or full name of a message ("geometry_msgs/msg/Point")."""
     array: str = ""
-    """"": one value, "fixed": `length` of them, "bounded": at most `length`, "sequence": any."""
+    """"": one value, "fixed": `length` values, "bounded": at most `length`, "sequence": any
+    number."""
     length: int = 0
     most_characters: int = 0
     """Bound of a string; 0: none."""
@@ -68,12 +69,12 @@ class Field(NamedTuple):
 
     @property
     def nested(self) -> bool:
-        """Whether it is a message of its own."""
+        """True if it is a message of its own."""
         return self.base not in PRIMITIVES
 
     @property
     def type_text(self) -> str:
-        """The type as .msg files have it, a message by package and name."""
+        """Type as in .msg files, a message by package and name."""
         base = two_part(self.base) if self.nested else self.base
         bound = f"<={self.most_characters}" if self.most_characters else ""
         mark = {"": "", "fixed": f"[{self.length}]", "bounded": f"[<={self.length}]"}
@@ -92,13 +93,13 @@ class MessageDefinition(NamedTuple):
     """A message's fields and constants."""
 
     name: str
-    """Full: "geometry_msgs/msg/Pose", "std_srvs/srv/Trigger_Request"."""
+    """Full name: "geometry_msgs/msg/Pose", "std_srvs/srv/Trigger_Request"."""
     fields: tuple[Field, ...]
     constants: tuple[Constant, ...] = ()
 
     @property
     def text(self) -> str:
-        """The definition as a .msg file has it, without comments."""
+        """Definition as in a .msg file, without comments."""
         lines = [f"{each.base} {each.name}={each.value}" for each in self.constants]
         lines += [" ".join(filter(None, (f.type_text, f.name, f.default))) for f in self.fields]
         return "".join(f"{line}\n" for line in lines)
@@ -142,7 +143,7 @@ class ActionType(NamedTuple):
 
     @property
     def send_goal(self) -> ServiceType:
-        """The service that offers a goal."""
+        """The service that sends a goal."""
         return ServiceType(f"{self.name}_SendGoal")
 
     @property
@@ -152,9 +153,10 @@ class ActionType(NamedTuple):
 
 
 def full_name(name: str, kind: str = "msg") -> str:
-    """A type's three-part name: "geometry_msgs/Pose" and "geometry_msgs/msg/Pose" are the same.
+    """Return a type's three-part name: "geometry_msgs/Pose" and "geometry_msgs/msg/Pose" are the
+    same.
 
-    Raises InterfaceError for what is no name of a type.
+    Raises InterfaceError if it is no name of a type.
     """
     parts = name.split("/")
     if len(parts) == 2:
@@ -165,25 +167,25 @@ def full_name(name: str, kind: str = "msg") -> str:
 
 
 def two_part(name: str) -> str:
-    """A type's name without its kind: "geometry_msgs/Pose"."""
+    """Return a type's name without its kind: "geometry_msgs/Pose"."""
     package, _, last = name.split("/")
     return f"{package}/{last}"
 
 
 def name_on_the_wire(name: str) -> str:
-    """The name of a type for others, whichever revision it is."""
+    """Return a type's name on the wire, the same for all its revisions."""
     return name.replace(SINCE_KILTED, "")
 
 
 @cache
 def revised(name: str) -> str:
-    """Return the later revision of a type; empty where there is none."""
+    """Return the later revision of a type; empty if there is none."""
     later = (each for each in _REVISED if f"{name}_".startswith(f"{name_on_the_wire(each)}_"))
     return next((each + name.removeprefix(name_on_the_wire(each)) for each in later), "")
 
 
 def known_types() -> tuple[str, ...]:
-    """The full names of all messages, services and actions that have a file, sorted."""
+    """Return the full names of all messages, services and actions that have a file, sorted."""
     return tuple(sorted(FILES))
 
 
@@ -212,7 +214,7 @@ def message_type(name: str) -> MessageDefinition:
 
 @cache
 def service_type(name: str) -> ServiceType:
-    """The service called `name`. Raises InterfaceError."""
+    """Return the service called `name`. Raises InterfaceError."""
     service = ServiceType(full_name(name, "srv"))
     message_type(service.request)
     return service
@@ -220,7 +222,7 @@ def service_type(name: str) -> ServiceType:
 
 @cache
 def action_type(name: str) -> ActionType:
-    """The action called `name`. Raises InterfaceError."""
+    """Return the action called `name`. Raises InterfaceError."""
     action = ActionType(full_name(name, "action"))
     message_type(action.goal)
     return action
@@ -228,7 +230,7 @@ def action_type(name: str) -> ActionType:
 
 @cache
 def referenced(name: str) -> tuple[str, ...]:
-    """The full names of all messages that `name` contains, directly or in others; sorted."""
+    """Return the full names of all messages that `name` contains, directly or nested, sorted."""
     found: set[str] = set()
     waiting = [name]
     while waiting:
@@ -240,8 +242,8 @@ def referenced(name: str) -> tuple[str, ...]:
 
 
 def full_text(name: str) -> str:
-    """The definition of a message with those that it contains, as rosbag2 and rosapi give it: after
-    a line of ``=`` and a line ``MSG: PACKAGE/NAME`` each."""
+    """Return the definition of a message with those that it contains, as in rosbag2 and rosapi:
+    each after a line of ``=`` and a line ``MSG: PACKAGE/NAME``."""
     parts = [message_type(name).text]
     parts += [
         f"{'=' * 80}\nMSG: {two_part(each)}\n{message_type(each).text}" for each in referenced(name)
@@ -261,7 +263,7 @@ _LINE = re.compile(
 
 
 def parse_message(name: str, text: str) -> MessageDefinition:
-    """Parse a .msg file's `text`. Raises InterfaceError, which has the line."""
+    """Parse the `text` of a .msg file. Raises InterfaceError with the line."""
     package = name.split("/", 1)[0]
     fields: list[Field] = []
     constants: list[Constant] = []
@@ -297,7 +299,7 @@ def _field(package: str, kind: re.Match[str], name: str, default: str) -> Field:
 
 
 def _without_comment(line: str) -> str:
-    """`line` up to a # that is not in quotes."""
+    """Return `line` up to a # that is not in quotes."""
     quote = ""
     for index, character in enumerate(line):
         if quote:
@@ -330,7 +332,8 @@ def _sections(package: str, kind: str, base: str, count: int) -> list[str]:
 
 
 def _event(service: str) -> MessageDefinition:
-    """Event type of a service's introspection; it is part of the service's type hash."""
+    """Make the event type of a service's introspection, which is part of the service's type
+    hash."""
     fields = (
         Field("info", "service_msgs/msg/ServiceEventInfo"),
         Field("request", f"{service}_Request", "bounded", 1),
@@ -340,7 +343,7 @@ def _event(service: str) -> MessageDefinition:
 
 
 def _made_of_action(package: str, last: str) -> MessageDefinition | None:
-    """The messages that every action has around its goal, result and feedback."""
+    """Make the messages that every action has around its goal, result and feedback."""
     uuid = Field("goal_id", "unique_identifier_msgs/msg/UUID")
     full = f"{package}/action/{last}"
     for suffix, fields_of in (

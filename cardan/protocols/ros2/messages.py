@@ -1,4 +1,4 @@
-"""Messages as users write them: missing fields take their defaults, wrong ones are named."""
+"""Messages as users write them: missing fields take their defaults, wrong ones are reported."""
 
 from __future__ import annotations
 
@@ -22,39 +22,39 @@ from cardan.protocols.ros2.interfaces import (
 )
 
 MAX_ELEMENTS = 100_000
-"""Longest array that is taken; no message that Cardan uses has more than a few hundred."""
+"""Longest array that is accepted; messages that Cardan uses have at most a few hundred elements."""
 
 _BYTES = ("uint8", "char", "byte")
 
 
 class MessageError(ValueError):
-    """A value does not fit the type; the text names the field and what it takes."""
+    """A value does not fit the type; the text names the field and its allowed values."""
 
 
 class Stamp(NamedTuple):
-    """A time since the epoch, as ``builtin_interfaces/msg/Time`` has it."""
+    """A time since the epoch, as in ``builtin_interfaces/msg/Time``."""
 
     sec: int
     nanosec: int
 
     @classmethod
     def of_ns(cls, since_epoch_ns: int) -> Stamp:
-        """The stamp of a time in nanoseconds."""
+        """Convert a time in nanoseconds."""
         return cls(*divmod(since_epoch_ns, 1_000_000_000))
 
 
 def default_message(name: str) -> Message:
-    """A message with the defaults of its type. Raises InterfaceError."""
+    """Return a message with the defaults of its type. Raises InterfaceError."""
     return {field.name: _default(field) for field in message_type(name).fields}
 
 
 def completed(name: str, given: Any, now: Stamp | None = None) -> Message:
-    """A whole message of the type `name` from what a program gave, as JSON has it.
+    """Complete a message of the type `name` from a program's JSON values.
 
-    Fields that are not there take their defaults. Whole numbers are floats, too; None is a float
-    that is not a number; bytes may come as base64 text or as numbers; a time may have ``secs`` and
-    ``nsecs``. With `now`, a header without a stamp takes that, and a stamp may be ``"now"``. Raises
-    MessageError, which names the field; nothing is changed.
+    Missing fields take their defaults. Integers are accepted as floats; None is NaN; bytes may be
+    base64 text or numbers; a time may have ``secs`` and ``nsecs``. With `now`, a header without a
+    stamp gets it, and a stamp may be ``"now"``. Raises MessageError, which names the field. The
+    argument is not changed.
     """
     return _message(name, given, "", now)
 
@@ -108,7 +108,7 @@ def _value(field: Field, given: Any, path: str, now: Stamp | None) -> Any:
 
 
 def _is_unicode(text: str) -> bool:
-    """Whether UTF-8 has the text: JSON can name half a character (RFC 8259, 8.2)."""
+    """True if UTF-8 can encode the text: JSON allows lone surrogates (RFC 8259, 8.2)."""
     if text.isascii():
         return True
     try:
@@ -175,7 +175,7 @@ def _single(field: Field, given: Any, path: str, now: Stamp | None) -> Any:
 
 @cache
 def _plain_default(field: Field) -> Any:
-    """The default of a single primitive value."""
+    """Return the default of a single primitive value."""
     text = field.default
     if field.base == "string":
         return text.strip("\"'")
@@ -203,8 +203,8 @@ def _default(field: Field, now: Stamp | None = None) -> Any:
 
 
 def json_text(name: str, message: Message) -> str:
-    """A message of the type `name` as JSON, in one line: bytes are base64, floats that are no
-    finite number are null, the byte of a message without fields is left out."""
+    """Encode a message of the type `name` as one line of JSON: bytes are base64, floats that are
+    not finite are null, the byte of a message without fields is left out."""
     if _has_dummies(name):
         message = _finite(message)
     try:
@@ -223,7 +223,8 @@ _JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=_base64
 
 
 def _finite(value: Any) -> Any:
-    """`value` with null for what is no finite number, and without the bytes of empty messages."""
+    """Return `value` with null for numbers that are not finite, and without the bytes of empty
+    messages."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
@@ -235,6 +236,6 @@ def _finite(value: Any) -> Any:
 
 @cache
 def _has_dummies(name: str) -> bool:
-    """Whether a message has no fields, or contains one that has none."""
+    """True if a message has no fields, or contains one without."""
     types = map(message_type, (name, *referenced(name)))
     return any(each.fields[0].name == DUMMY_MEMBER for each in types)

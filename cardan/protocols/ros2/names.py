@@ -1,4 +1,4 @@
-"""ROS 2's names: of nodes, topics and services, and of types as DDS and Zenoh have them.
+"""Names in ROS 2: of nodes, topics and services, and of types in DDS and Zenoh.
 
 Source: design.ros2.org, "Topic and service names"; the mappings of rmw_dds_common and rmw_zenoh.
 """
@@ -13,13 +13,13 @@ _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 
 class RosNameError(ValueError):
-    """A name that ROS 2 does not allow; the text says why."""
+    """A name is not allowed in ROS 2; the text tells why."""
 
 
 def checked_name(name: str, node: str = "") -> str:
-    """The absolute form of a topic's or a service's name.
+    """Return the absolute name of a topic or service.
 
-    ``~`` stands for the full name of `node`; a relative name gets a slash before it. Raises
+    ``~`` is replaced by the full name of `node`; a relative name gets a leading slash. Raises
     RosNameError for a name that ROS 2 refuses.
     """
     full = node + name[1:] if name.startswith("~") else name
@@ -33,7 +33,8 @@ def checked_name(name: str, node: str = "") -> str:
 
 
 def dds_type(name: str) -> str:
-    """The DDS form of a type, or of a service as a whole: "geometry_msgs::msg::dds_::Pose_"."""
+    """Return the DDS form of a type, or of a service as a whole:
+    "geometry_msgs::msg::dds_::Pose_"."""
     package, kind, last = name_on_the_wire(full_name(name)).split("/")
     return f"{package}::{kind}::dds_::{last}_"
 

@@ -1,4 +1,4 @@
-"""The packages of messages that no distribution of ROS 2 has, as sources for colcon."""
+"""Sources for colcon of the message packages that no distribution of ROS 2 has."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from cardan import __version__
 from cardan.protocols.ros2.interfaces import FILES, message_type
 
 PACKAGES = ("cardan_msgs", "rl_cartesian_control_msgs")
-"""Packages that an arm's own server needs. Of others that no distribution has, only a part is known
-here."""
+"""Packages that an arm's server needs. Of other such packages only a part is known here."""
 
 _PARTS = {
     "msg": ("",),
@@ -46,7 +45,7 @@ ament_package()
 
 
 def package_files(package: str) -> dict[str, str]:
-    """The files of a package by their paths in it."""
+    """Return the files of a package by their paths in it."""
     texts, others = {}, set()
     for name, text in FILES.items():
         owner, kind, last = name.split("/")

@@ -1,9 +1,7 @@
-"""The parameters of a node as ROS 2 knows them: requests in, responses and events out.
+"""ROS 2 parameters of a node: requests in, responses and events out.
 
-A :class:`ParameterServer` has a table of what there is; the values stay where they are used, and
-are handed in. The server carries the changes out.
-
-Source: rcl_interfaces, and the behavior of rclcpp's parameter services.
+A :class:`ParameterServer` has a table of the parameters; the caller keeps the values, passes them
+in, and applies changes. Source: rcl_interfaces, and the behavior of rclcpp's parameter services.
 """
 
 from __future__ import annotations
@@ -22,11 +20,11 @@ Value = bool | int | float | str
 """Value of a parameter."""
 
 MAX_NAMES = 1000
-"""Most names in one request that are answered: no node has as many parameters."""
+"""Most names answered in one request: no node has as many parameters."""
 
 
 class ParameterError(ValueError):
-    """A parameter that cannot be set so; the text says why."""
+    """A parameter cannot be set to a value; the text tells why."""
 
 
 class ParameterKind(IntEnum):
@@ -73,14 +71,15 @@ _VALUE = "rcl_interfaces/msg/ParameterValue"
 
 
 def content_of(value: Message) -> Any:
-    """Value of a ``rcl_interfaces/msg/ParameterValue``; None: not set, or of an unknown type."""
+    """Return the value of a ``rcl_interfaces/msg/ParameterValue``; None: not set, or of an unknown
+    type."""
     field = _FIELDS.get(value["type"])
     return value[field] if field else None
 
 
 def value_of(content: Any, present_type: int) -> Message:
-    """The ``rcl_interfaces/msg/ParameterValue`` that holds `content`; `present_type`: that of the
-    parameter now, to which whole numbers and empty lists conform. Raises ValueError."""
+    """Make the ``rcl_interfaces/msg/ParameterValue`` of `content`. Integers and empty lists conform
+    to `present_type`, the parameter's type now. Raises ValueError."""
     kind = _kind_of(content, present_type)
     if kind is ParameterKind.NOT_SET:
         raise ValueError(f"{shown(content)} is no value of a parameter")
@@ -127,7 +126,7 @@ class Declared:
     """BOOL, INTEGER, DOUBLE or STRING."""
     description: str
     lowest: float | None = None
-    """Limit of a number; None: none."""
+    """Limits of a number; None: no limit."""
     highest: float | None = None
     choices: tuple[str, ...] = ()
     """Allowed texts; empty: any."""
@@ -136,7 +135,7 @@ class Declared:
     read_only: bool = False
 
     def checked(self, value: Value) -> Value:
-        """`value`, of the right kind, if it is allowed. Raises ParameterError."""
+        """Return `value`, of the right kind, if it is allowed. Raises ParameterError."""
         if self.choices and value not in self.choices:
             raise ParameterError(
                 f"{self.name}: allowed are {', '.join(self.choices)}, not {value!r:.60}"
@@ -152,7 +151,7 @@ class Declared:
         return value
 
     def descriptor(self) -> Message:
-        """Return it as rcl_interfaces/ParameterDescriptor."""
+        """Convert to rcl_interfaces/ParameterDescriptor."""
         message = default_message("rcl_interfaces/msg/ParameterDescriptor")
         words = [f"one of {', '.join(self.choices)}"] if self.choices else []
         words += [self.constraints] if self.constraints else []
@@ -182,7 +181,7 @@ USE_SIM_TIME = Declared(
 
 
 class ParameterServer:
-    """Answers the parameter services of a node, and makes its events.
+    """Server of a node's parameter services and events.
 
     Requests and responses are those of rcl_interfaces. `values` are the values by name; a parameter
     without one is answered as not set.
@@ -192,19 +191,20 @@ class ParameterServer:
         self.declared = {each.name: each for each in (*declared, USE_SIM_TIME)}
         self._reported: dict[str, Value] = {}
 
-    # -- what it is ------------------------------------------------------------------------------
+    # -- queries -----------------------------------------------------------------------------------
 
     def get(self, request: Message, values: Mapping[str, Value]) -> Message:
-        """GetParameters: an unknown name is not set, so that the others keep their places."""
+        """Answer GetParameters: an unknown name is not set, so that the others keep their
+        places."""
         return {"values": [self._value(name, values) for name in request["names"][:MAX_NAMES]]}
 
     def get_types(self, request: Message) -> Message:
-        """GetParameterTypes."""
+        """Answer GetParameterTypes."""
         kinds = (self.declared.get(name) for name in request["names"][:MAX_NAMES])
         return {"types": bytes(0 if each is None else each.kind for each in kinds)}
 
     def describe(self, request: Message) -> Message:
-        """DescribeParameters: an unknown name has the type 0."""
+        """Answer DescribeParameters: an unknown name has the type 0."""
         descriptors = []
         for name in request["names"][:MAX_NAMES]:
             known = self.declared.get(name)
@@ -216,7 +216,8 @@ class ParameterServer:
         return {"descriptors": descriptors}
 
     def list_names(self, request: Message) -> Message:
-        """ListParameters: names within the prefixes, `depth` words deep below them; 0: all."""
+        """Answer ListParameters: names within the prefixes, `depth` words deep below them; 0:
+        all."""
         wanted, depth = request["prefixes"][:MAX_NAMES], request["depth"]
         found = []
         for name in self.declared:
@@ -238,7 +239,8 @@ class ParameterServer:
     # -- changes ---------------------------------------------------------------------------------
 
     def checked(self, parameter: Message) -> tuple[str, Value]:
-        """The name and the new value of a Parameter that may be set. Raises ParameterError."""
+        """Return the name and the new value of a Parameter that may be set. Raises
+        ParameterError."""
         name, given = parameter["name"], parameter["value"]
         known = self.declared.get(name)
         if known is None:
@@ -262,8 +264,8 @@ class ParameterServer:
         return name, known.checked(given[_FIELDS[known.kind]])
 
     def checked_group(self, parameters: Iterable[Message]) -> dict[str, Value]:
-        """The new values of parameters that are set together. Raises ParameterError for the first
-        that may not be set, and where one is named twice."""
+        """Return the new values of parameters that are set together. Raises ParameterError for the
+        first that may not be set, and if one is named twice."""
         found: dict[str, Value] = {}
         for parameter in parameters:
             name, value = self.checked(parameter)
@@ -273,7 +275,7 @@ class ParameterServer:
         return found
 
     def event(self, node: str, values: Mapping[str, Value], now_ns: int) -> Message | None:
-        """The ParameterEvent of what has changed since the last one; None where nothing has.
+        """Return the ParameterEvent of the changes since the last one; None if there are none.
 
         `node`: full name; `now_ns`: since the epoch.
         """
@@ -308,5 +310,5 @@ def _fits(rest: str, depth: int) -> bool:
 
 
 def set_result(reason: str = "") -> dict[str, Any]:
-    """A SetParametersResult; successful where there is no reason against it."""
+    """Make a SetParametersResult; successful if there is no reason against it."""
     return {"successful": not reason, "reason": reason}

@@ -1,5 +1,5 @@
-"""Responses of services that say that a request was refused: a client of ROS 2 waits for a response
-for ever, and has no other word for an error."""
+"""Responses to refused service requests: a ROS 2 client waits forever for a response, and ROS 2 has
+no other error reply."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ INVALID_GOAL = -1
 """Error code of results of control_msgs, whose 0 is success."""
 
 _WORDS = ("message", "reason", "failure_reason", "error_string", "response")
-"""Fields that have the reason."""
+"""Fields for the reason."""
 
 
 def refusal(service: str, reason: str) -> Message:
-    """The response of a service that did nothing, with `reason` where it has a field for it: not
-    successful, not accepted, of no goal that is known, without values. Raises InterfaceError."""
+    """Make the response of a service that did nothing, with `reason` if it has a field for it: not
+    successful, not accepted, of no known goal, without values. Raises InterfaceError."""
     response = default_message(f"{service}_Response")
     if service == CANCEL_TYPE:
         response["return_code"] = int(CancelCode.REJECTED)
     elif service == "rcl_interfaces/srv/SetParameters":
-        # As many results as parameters belong here, and their number is unknown.
+        # One result per parameter belongs here, but their number is unknown.
         response["results"] = [set_result(reason)]
     else:
         _tell(response, reason)

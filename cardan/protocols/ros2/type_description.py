@@ -1,4 +1,4 @@
-"""Answers of a node to `~/get_type_description`: the types that it uses, by their hashes.
+"""A node's answers to `~/get_type_description`: descriptions of types by their hashes.
 
 Source: type_description_interfaces/srv/GetTypeDescription, REP 2011.
 """
@@ -21,7 +21,7 @@ TYPE_DESCRIPTION = "type_description_interfaces/srv/GetTypeDescription"
 
 
 def describe_type(request: Message) -> Message:
-    """The response to a GetTypeDescription request: of a message's type, never an error."""
+    """Answer a GetTypeDescription request with a message's type; never an error."""
     response = default_message(f"{TYPE_DESCRIPTION}_Response")
     try:
         name = revision_of(full_name(request["type_name"]), request["type_hash"])

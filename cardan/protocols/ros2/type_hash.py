@@ -1,4 +1,4 @@
-"""Type hashes (RIHS01) of ROS 2 interfaces: what rmw_zenoh's keys and DDS endpoints carry.
+"""Type hashes (RIHS01) of ROS 2 interfaces, as in rmw_zenoh's keys and DDS endpoints.
 
 Source: REP 2011 and rosidl's type description; a SHA-256 over a JSON text of the definition, whose
 form is part of the standard.
@@ -35,8 +35,8 @@ _ARRAY_OFFSETS = {"": 0, "fixed": 48, "bounded": 96, "sequence": 144}
 
 @cache
 def type_hash(name: str) -> str:
-    """``RIHS01_...`` of a message or a service, those of actions too. Raises InterfaceError; an
-    action as a whole is not on the wire and has none here."""
+    """Return the ``RIHS01_...`` of a message or a service, also of an action's. Raises
+    InterfaceError, also for an action as a whole, which is not on the wire and has no hash."""
     kind = full_name(name).split("/")[1]
     last = name.rpartition("/")[2]
     if kind == "srv" and not last.endswith(("_Request", "_Response", "_Event")):
@@ -79,7 +79,7 @@ def _hash(name: str, fields: list[Any], within: set[str]) -> str:
 
 
 def described(field: Field) -> dict[str, Any]:
-    """A field as type descriptions have it, without its default."""
+    """Make a field of a type description, without its default."""
     if field.nested:
         number = _NESTED
     elif field.most_characters:

@@ -1,7 +1,8 @@
-"""rmw_zenoh on the wire: key expressions, attachments and liveliness tokens, as texts and bytes.
+"""Wire formats of rmw_zenoh: key expressions, attachments and liveliness tokens, as texts and
+bytes.
 
-Source: rmw_zenoh's design document, and ROS 2's own implementation as measured (see docs). Nothing
-here opens a session.
+No session is opened. Source: rmw_zenoh's design document, and ROS 2's own implementation as
+measured (see docs).
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ LIVELINESS = "@ros2_lv"
 """First part of every liveliness token."""
 
 ATTACHMENT = struct.Struct("<qqB16s")
-"""Sequence number, time of the source in ns since the epoch, length of the GID (16), GID."""
+"""Sequence number, time of sending since the epoch in ns, length of the GID (16), GID."""
 
 _GID_BYTES = 16
 
 _USUAL_DEPTH, _DEPTH_DIGITS = 42, 10
-"""Depth that an empty field means; longest one that is read: Python converts no endless number."""
+"""Depth of an empty field; longest depth, in digits, that is read: Python converts no longer
+number."""
 
 PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT, NODE = "MP", "MS", "SS", "SC", "NN"
 """Kinds of entities in tokens."""
@@ -31,7 +33,7 @@ KINDS = (PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT)
 
 
 class Qos(NamedTuple):
-    """The quality of service of an endpoint, as far as Cardan uses it."""
+    """Quality of service of an endpoint, as far as Cardan uses it."""
 
     reliable: bool = True
     transient_local: bool = False
@@ -39,8 +41,8 @@ class Qos(NamedTuple):
     keep_all: bool = False
 
     def text(self) -> str:
-        """As tokens have it; a field is empty where it is rmw_zenoh's default. The depth is
-        written: an empty one would mean 42."""
+        """Encode as in tokens; a field is empty if it is rmw_zenoh's default, except the depth: an
+        empty one would mean 42."""
         history = "2" if self.keep_all else ""
         return (
             f"{'' if self.reliable else 2}:{1 if self.transient_local else ''}:"
@@ -62,7 +64,7 @@ class Qos(NamedTuple):
 DEFAULT_QOS = Qos()
 LATCHED_QOS = Qos(transient_local=True, depth=1)
 NEWEST_QOS = Qos(reliable=False, depth=1)
-"""Quality of service of values that the next one replaces: one that is lost is not sent anew."""
+"""Quality of service of values that the next one replaces: a lost one is not sent again."""
 PARAMETERS_QOS = Qos(depth=1000)
 ROSOUT_QOS = Qos(transient_local=True, depth=1000)
 
@@ -76,7 +78,7 @@ class Attachment(NamedTuple):
     gid: bytes
 
     def encode(self) -> bytes:
-        """Encode it as bytes."""
+        """Encode as bytes."""
         return ATTACHMENT.pack(self.sequence, self.source_ns, _GID_BYTES, self.gid)
 
     @classmethod
@@ -88,24 +90,24 @@ class Attachment(NamedTuple):
         return cls(sequence, source_ns, gid) if length == _GID_BYTES else None
 
     def follows(self, sequence: int, source_ns: int) -> bool:
-        """Whether it was sent after the message of the same GID that had these: a later one with a
-        lower number comes from a restarted publisher, whose Zenoh session has its id from a
-        configuration file."""
+        """True if it was sent after the message of the same GID with the other attachment: a later
+        one with a lower number is from a restarted publisher whose Zenoh session id is
+        configured."""
         return self.sequence > sequence or self.source_ns > source_ns
 
 
 def data_key(domain: int, name: str, type_name: str, hashed: bool = True) -> str:
-    """The key expression of a topic's messages, or of a service's requests.
+    """Return the key expression of a topic's messages, or of a service's requests.
 
-    `name` is absolute; `type_name` a message, or a service as a whole. Not `hashed`: as Humble
-    has it. Raises InterfaceError for a type that is not known.
+    `name` is absolute; `type_name` is a message, or a service as a whole. Not `hashed`: Humble's
+    form. Raises InterfaceError for an unknown type.
     """
     mark = type_hash(type_name) if hashed else UNSUPPORTED
     return f"{domain}/{name[1:]}/{dds_type(type_name)}/{mark}"
 
 
 class Entity(NamedTuple):
-    """Node, or an endpoint of it, by its liveliness token."""
+    """A node, or one of its endpoints, from its liveliness token."""
 
     zid: str
     """Id of the Zenoh session."""
@@ -113,22 +115,22 @@ class Entity(NamedTuple):
     entity_id: str
     kind: str
     namespace: str
-    """"/" or "/NAME"."""
+    """Namespace: "/" or "/NAME"."""
     node: str
     name: str = ""
     """Absolute name of the topic or service; empty for a node."""
     type_name: str = ""
-    """Three-part name; empty for a node, and where it is no type of ROS."""
+    """Three-part name; empty for a node, or if it is no ROS type."""
     type_hash: str = ""
     qos: Qos = DEFAULT_QOS
 
     @property
     def full_node(self) -> str:
-        """The node's full name: "/arm/cardan"."""
+        """Full name of the node: "/arm/cardan"."""
         return f"{self.namespace.rstrip('/')}/{self.node}"
 
     def token(self, domain: int) -> str:
-        """The key expression of its liveliness token."""
+        """Return the key expression of its liveliness token."""
         parts = [LIVELINESS, str(domain), self.zid, self.node_id, self.entity_id, self.kind]
         parts += ["%", mangled(self.namespace), self.node]
         if self.kind != NODE:
@@ -155,27 +157,28 @@ class Entity(NamedTuple):
 
 
 def token_pattern(domain: int, kind: str, name: str) -> str:
-    """The key expression of the tokens of all endpoints of a `kind` with an absolute name."""
+    """Return the key expression of the tokens of all endpoints of a `kind` with an absolute
+    name."""
     return f"{LIVELINESS}/{domain}/*/*/*/{kind}/*/*/*/{mangled(name)}/**"
 
 
 def node_pattern(domain: int, namespace: str, node: str) -> str:
-    """The key expression of the tokens of all nodes with this name and namespace."""
+    """Return the key expression of the tokens of all nodes with this name and namespace."""
     return f"{LIVELINESS}/{domain}/*/*/*/{NODE}/*/{mangled(namespace)}/{node}"
 
 
 def strange_key(entity: Entity, domain: int) -> str:
-    """The key expression of an endpoint whose type Cardan does not know, by its entity."""
+    """Return the key expression of an entity's endpoint whose type Cardan does not know."""
     return f"{domain}/{entity.name[1:]}/{dds_type(entity.type_name)}/{entity.type_hash}"
 
 
 def endpoint_hash(type_name: str, hashed: bool = True) -> str:
-    """The type hash in the token and the key of an endpoint. Raises InterfaceError."""
+    """Return the type hash in the token and the key of an endpoint. Raises InterfaceError."""
     return type_hash(full_name(type_name)) if hashed else UNSUPPORTED
 
 
 def mangled(part: str) -> str:
-    """A name as one part of a key: / becomes %, and nothing at all is %."""
+    """Encode a name as one part of a key: / becomes %, and an empty name is %."""
     return part.replace("/", "%") if part.strip("/") else "%"
 
 

@@ -1,1 +1,1 @@
-"""rosbridge v2, the server's side: ROS over WebSocket as JSON and CBOR."""
+"""Server side of rosbridge v2: ROS over WebSocket as JSON and CBOR."""

@@ -1,4 +1,4 @@
-"""Delivery to a client: its subscriptions, those to one topic merged."""
+"""Subscriptions of a client, merged by topic."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Delivery(NamedTuple):
 
 
 class Subscriptions:
-    """The subscriptions of a client, those to one topic merged to one stream."""
+    """Subscriptions of a client, those to one topic merged to one stream."""
 
     def __init__(self) -> None:
         self._of_topic: dict[str, dict[Id, Subscribe]] = {}
@@ -29,16 +29,16 @@ class Subscriptions:
         return sum(map(len, self._of_topic.values()))
 
     def topics(self) -> list[str]:
-        """The topics, as the client calls them."""
+        """Topics by the client's names."""
         return list(self._of_topic)
 
     def add(self, asked: Subscribe) -> Delivery:
-        """The topic's delivery with a new subscription; one with the same id is replaced."""
+        """Add a subscription, replacing one with the same id; return the topic's delivery."""
         self._of_topic.setdefault(asked.topic, {})[asked.id] = asked
         return self._merged(asked.topic)
 
     def remove(self, asked: Unsubscribe) -> Delivery | None:
-        """The topic's delivery with what is left; None where nothing is."""
+        """Remove a subscription; return the remaining delivery of the topic, or None."""
         ids = self._of_topic.get(asked.topic, {})
         if asked.id is None:
             ids.clear()

@@ -1,4 +1,4 @@
-"""A server's messages, in the forms that clients ask for: JSON, PNG, CBOR, CBOR with CDR in it.
+"""A server's messages in the encodings that clients request: JSON, PNG, CBOR, CBOR with CDR in it.
 
 CBOR is RFC 8949, arrays of numbers RFC 8746 (little-endian typed arrays).
 """
@@ -28,14 +28,14 @@ Frame = str | bytes
 """A text or a binary frame."""
 
 MAX_FRAGMENTS = 1000
-"""Most fragments of a message; where a client asks for smaller ones, they are larger."""
+"""Most fragments of a message; smaller ones than that allows are enlarged."""
 
 _TYPED_ARRAYS = {
     "uint16": (69, "H"), "uint32": (70, "I"), "uint64": (71, "Q"), "int8": (72, "b"),
     "int16": (77, "h"), "int32": (78, "i"), "int64": (79, "q"), "float32": (85, "f"),
     "float64": (86, "d"),
 }  # fmt: skip
-"""RFC 8746's tag of each type's little-endian array, and struct's letter."""
+"""Tag of RFC 8746 for each type's little-endian array, and struct's letter."""
 
 _fragmented = itertools.count(1)
 
@@ -50,13 +50,13 @@ class EncodedMessage:
     __slots__ = ("_frames", "_message", "cdr", "stamp_ns", "type")
 
     def __init__(self, type_name: str | None, cdr: bytes, stamp_ns: int) -> None:
-        """`type_name` in full; None: not known, which is good for "cbor-raw" alone."""
+        """Set the full `type_name`; None: unknown, sufficient only for "cbor-raw"."""
         self.type, self.cdr, self.stamp_ns = type_name, cdr, stamp_ns
         self._message: tuple[str, Message] | None = None
         self._frames: dict[tuple[str, str, int], tuple[Frame, ...]] = {}
 
     def frames(self, topic: str, compression: str, fragment_size: int = 0) -> tuple[Frame, ...]:
-        """The frames of the message, for a client that calls the topic `topic`.
+        """Return the frames of the message for a client that calls the topic `topic`.
 
         Raises UnreadableError and InterfaceError.
         """
@@ -83,8 +83,8 @@ class EncodedMessage:
         return (f'{{"op":"publish","topic":{json.dumps(topic)},"msg":{inner}}}',)
 
     def _decoded(self) -> tuple[str, Message]:
-        """The message's type, which may be a later revision of the topic's, and the message. Raises
-        UnreadableError."""
+        """Decode the message; return its type, which may be a later revision of the topic's, and
+        the message. Raises UnreadableError."""
         if self._message is None:
             if self.type is None:
                 raise UnreadableError("the type of the message is not known")
@@ -96,7 +96,7 @@ class EncodedMessage:
 
 
 def fragments(text: str, size: int) -> tuple[str, ...]:
-    """`text` as it is, or where it is longer than `size` (0: any) as fragment operations."""
+    """Return `text` unchanged, or if it is longer than `size` (0: any), as fragment operations."""
     if not size or len(text) <= size:
         return (text,)
     size = max(size, -(-len(text) // MAX_FRAGMENTS))
@@ -109,12 +109,12 @@ def fragments(text: str, size: int) -> tuple[str, ...]:
 
 
 def png_frame(text: str) -> str:
-    """The operation ``png`` that carries the operation `text`."""
+    """Make the ``png`` operation that carries the operation `text`."""
     return object_text(op="png", data=png_of(text))
 
 
 def object_text(**fields: Any) -> str:
-    """A JSON object; fields that are None are left out."""
+    """Encode a JSON object; fields that are None are left out."""
     return json.dumps(
         {key: value for key, value in fields.items() if value is not None}, separators=(",", ":")
     )
@@ -128,7 +128,7 @@ def service_response(
     compression: str = "none",
     fragment_size: int = 0,
 ) -> tuple[Frame, ...]:
-    """The answer of a service, a message of the type `type_name`."""
+    """Encode the response of a service, a message of the type `type_name`."""
     if compression == "cbor":
         answer = {"op": "service_response", "id": identity, "service": service, "result": True}
         return (_cbor({**answer, "values": _cbor_ready(type_name, message)}),)
@@ -141,7 +141,7 @@ def service_response(
 
 
 def service_refusal(identity: Id, service: str, reason: str) -> str:
-    """The answer where a service could not be called."""
+    """Encode the response if a service could not be called."""
     return object_text(
         op="service_response", id=identity, service=service, values=reason, result=False
     )
@@ -150,7 +150,7 @@ def service_refusal(identity: Id, service: str, reason: str) -> str:
 def service_request(
     identity: str, service: str, type_name: str, request_type: str, request: Message
 ) -> str:
-    """A request to a service that the client offers."""
+    """Encode a request to a service that the client offers."""
     return _with_message(
         object_text(op="call_service", id=identity, service=service, type=type_name),
         "args",
@@ -165,13 +165,13 @@ def action_feedback(identity: Id, action: str, type_name: str, message: Message)
 
 
 def action_result(identity: Id, action: str, type_name: str, message: Message, status: int) -> str:
-    """The end of a goal; `status` as ``action_msgs/msg/GoalStatus`` has it."""
+    """Encode the end of a goal; `status` is that of ``action_msgs/msg/GoalStatus``."""
     head = object_text(op="action_result", id=identity, action=action, status=status, result=True)
     return _with_message(head, "values", json_text(type_name, message))
 
 
 def action_refusal(identity: Id, action: str, reason: str, status: int) -> str:
-    """The end of a goal that came to no result."""
+    """Encode the end of a goal without a result."""
     return object_text(
         op="action_result", id=identity, action=action, values=reason, status=status, result=False
     )
@@ -186,7 +186,7 @@ def _cbor(value: Mapping[str, Any]) -> bytes:
 
 
 def _cbor_ready(name: str, message: Message) -> dict[str, Any]:
-    """A message of the type `name` with its arrays of numbers as typed arrays."""
+    """Convert a message of the type `name` to one with typed arrays of numbers."""
     return {
         field.name: _cbor_value(field, message[field.name])
         for field in message_type(name).fields

@@ -1,4 +1,4 @@
-"""Operations in several frames: each carries a part of the text, numbered from 0."""
+"""Reassembly of operations in several frames: each has a part of the text, numbered from 0."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from typing import NamedTuple
 from cardan.protocols.rosbridge.operations import Fragment, Id, RefusedOperation
 
 LIFETIME_S = 600.0
-"""After this time the parts of an operation that is not complete are dropped, as rosbridge_suite
-does."""
+"""Time after which the parts of an incomplete operation are dropped, as in rosbridge_suite."""
 
 MAX_OPERATIONS = 16
-"""Most operations of a client that are not complete."""
+"""Most incomplete operations of a client."""
 
 MAX_PARTS = 10_000
 """Most parts of an operation."""
@@ -27,13 +26,13 @@ class Defragmenter:
     """Reassembly of the operations of one client. Time is monotonic, in seconds."""
 
     def __init__(self, max_characters: int) -> None:
-        """`max_characters`: of all that is kept."""
+        """Limit all kept text to `max_characters`."""
         self._max_characters = max_characters
         self._partial: dict[Id, _Parts] = {}
         self._characters = 0
 
     def add(self, part: Fragment, now_s: float) -> str | RefusedOperation | None:
-        """The operation's text with its last part, and None before."""
+        """Add a part; return the operation's text when it is complete, None before."""
         for identity, gathered in list(self._partial.items()):
             if now_s - gathered.first_s >= LIFETIME_S:
                 self._drop(identity)

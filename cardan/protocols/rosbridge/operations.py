@@ -20,16 +20,17 @@ MAX_ID_CHARACTERS = 1000
 """Longest id; clients make theirs of an operation, a name and a UUID."""
 
 MAX_QUEUE_LENGTH = 1000
-"""Upper limit of queue_length; a larger one is clipped."""
+"""Upper limit of queue_length; larger values are clipped."""
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
-"""Forms of what a client receives, the one that wins among several last."""
+"""Encodings of messages to a client; of several requested ones, the last in this order is used."""
 
 LEVELS = ("error", "warning", "info")
-"""Levels of status messages, the gravest first; a client gets the one it set and graver ones."""
+"""Levels of status messages, the most severe first; a client gets its level and more severe
+ones."""
 
 Id = str | int | None
-"""Id of an operation, chosen by the client; answers repeat it."""
+"""Id of an operation, chosen by the client and repeated in answers."""
 
 
 class RefusedOperation(NamedTuple):
@@ -37,10 +38,10 @@ class RefusedOperation(NamedTuple):
 
     reason: str
     op: str = ""
-    """The operation, as far as it was understood."""
+    """Name of the operation, as far as it was parsed."""
     id: Id = None
     name: str = ""
-    """The topic, service or action."""
+    """Topic, service or action."""
 
 
 class Fragment(NamedTuple):
@@ -53,7 +54,7 @@ class Fragment(NamedTuple):
 
 
 class Advertise(NamedTuple):
-    """The client is going to publish on a topic."""
+    """The client will publish on a topic."""
 
     id: Id
     topic: str
@@ -75,21 +76,21 @@ class Publish(NamedTuple):
     topic: str
     message: Any
     type: str
-    """Empty: as it was advertised."""
+    """Type; empty: as advertised."""
     latch: bool
 
 
 class Subscribe(NamedTuple):
-    """The client wants the messages of a topic."""
+    """The client subscribes to a topic."""
 
     id: Id
     topic: str
     type: str
-    """Empty: whatever the topic has."""
+    """Type; empty: the topic's."""
     throttle_ms: float
     """Least time between two messages."""
     queue_length: int
-    """Messages that wait for that time; 0: what comes too early is dropped."""
+    """Messages queued for that time; 0: early ones are dropped."""
     compression: str
     fragment_size: int
     """Longest text of a frame's data; 0: any."""
@@ -112,7 +113,7 @@ class CallService(NamedTuple):
     compression: str
     fragment_size: int
     timeout_s: float
-    """0: the server's own."""
+    """Timeout; 0: the server's own."""
 
 
 class AdvertiseService(NamedTuple):
@@ -124,7 +125,7 @@ class AdvertiseService(NamedTuple):
 
 
 class UnadvertiseService(NamedTuple):
-    """The client offers it no longer."""
+    """The client no longer offers a service."""
 
     id: Id
     service: str
@@ -137,7 +138,7 @@ class ServiceResponse(NamedTuple):
     service: str
     values: Any
     result: bool
-    """False: it failed; `values` may say why."""
+    """False: the call failed; `values` may have the reason."""
 
 
 class SendActionGoal(NamedTuple):
@@ -148,11 +149,11 @@ class SendActionGoal(NamedTuple):
     type: str
     args: Any
     feedback: bool
-    """Whether the client wants the action's feedback."""
+    """True if the client requests the action's feedback."""
 
 
 class CancelActionGoal(NamedTuple):
-    """The goal that was sent with this id is no longer wanted."""
+    """Cancellation of the goal that was sent with this id."""
 
     id: Id
     action: str
@@ -167,7 +168,7 @@ class SetLevel(NamedTuple):
 
 
 class Authenticate(NamedTuple):
-    """The ``auth`` of old servers, which is not looked at: access is by the address's token."""
+    """The ``auth`` of old servers, which is ignored: access is by the address's token."""
 
     id: Id
 
@@ -215,7 +216,7 @@ def parse_operation(text: str) -> Operation | RefusedOperation:
 
 
 _LARGEST = 1e12
-"""Upper limit of numbers; a larger one is clipped."""
+"""Upper limit of numbers; larger values are clipped."""
 
 
 class _WrongError(Exception):
@@ -227,7 +228,7 @@ def _no_constant(text: str) -> float:
 
 
 class _Fields:
-    """The fields of an operation; absent and null are the same."""
+    """Fields of an operation; null counts as absent."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
         self.given = given
@@ -370,4 +371,4 @@ _PARSERS: dict[str, tuple[str, Callable[[_Fields, Id, str], Operation]]] = {
     ),
     "auth": ("", lambda _fields, identity, _name: Authenticate(identity)),
 }
-"""Parsers by operation: the key of the name that it is about, and the function."""
+"""Parsers by operation: the key of its subject's name, and the function."""

@@ -1,6 +1,6 @@
-"""The "png" compression: text as the pixels of an RGB image, base64 of it in ``data``.
+""" "png" compression: text as the pixels of an RGB image, in base64 in ``data``.
 
-The image is as wide as the root of a third of the bytes, and padded with newlines. Source:
+The image's width is the square root of a third of the bytes; newlines pad it. Source:
 rosbridge_suite, rosbridge_library/internal/pngcompression.py; W3C, "Portable Network Graphics".
 """
 
@@ -17,7 +17,7 @@ _LEVEL = 6
 
 
 def png_of(text: str) -> str:
-    """`text` as base64 of an image."""
+    """Encode `text` as the base64 of an image."""
     data = text.encode()
     width = max(1, math.isqrt(len(data) // 3))
     height = max(1, math.ceil(len(data) / (3 * width)))

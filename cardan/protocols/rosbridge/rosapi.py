@@ -20,11 +20,12 @@ from cardan.protocols.ros2.parameters import content_of, value_of
 
 ROS_VERSION = 2
 DISTRIBUTION = "jazzy"
-"""Distribution of Cardan's messages."""
+"""ROS distribution of Cardan's messages."""
 
 
 def typedefs(name: str) -> list[Message]:
-    """``rosapi/msg/TypeDef`` of a message and of those that it contains. Raises InterfaceError."""
+    """Make the ``rosapi/msg/TypeDef`` of a message and of those that it contains. Raises
+    InterfaceError."""
     return [_typedef(each) for each in (name, *referenced(name))]
 
 
@@ -54,14 +55,14 @@ def _example(field: Field) -> str:
 
 
 def parameter_text(value: Message) -> str:
-    """A ``rcl_interfaces/msg/ParameterValue`` as JSON."""
+    """Convert a ``rcl_interfaces/msg/ParameterValue`` to JSON."""
     content = content_of(value)
     return json.dumps(list(content) if isinstance(content, bytes) else content)
 
 
 def parameter_value(text: str, present_type: int) -> Message:
-    """The ``rcl_interfaces/msg/ParameterValue`` of a JSON text; `present_type`: that of the
-    parameter now, to which whole numbers and empty lists conform. Raises ValueError."""
+    """Convert a JSON text to a ``rcl_interfaces/msg/ParameterValue``. Integers and empty lists
+    conform to `present_type`, the parameter's type now. Raises ValueError."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):

@@ -1,4 +1,5 @@
-"""Session of a client: frames to operations, within limits; which status messages it wants."""
+"""Session of a client: frames to operations, within limits, and the selection of status
+messages."""
 
 from __future__ import annotations
 
@@ -19,10 +20,10 @@ from cardan.protocols.rosbridge.operations import (
 
 
 class RosbridgeSession:
-    """Protocol state of a client at the server. Time is monotonic, in seconds."""
+    """Protocol state of a client at the server. Time is monotonic, s."""
 
     def __init__(self, max_characters: int) -> None:
-        """`max_characters`: of an operation that comes in fragments."""
+        """Limit operations in fragments to `max_characters`."""
         self._defragmenter = Defragmenter(max_characters)
         self._level = "none"
         self._publications = RateLimit(MAX_PUBLICATIONS_PER_S)
@@ -52,8 +53,8 @@ class RosbridgeSession:
         return asked
 
     def status(self, level: str, identity: Id, text: str) -> str | None:
-        """A status message; None where the client did not ask for this level: roslibpy takes one
-        for a fault of its own."""
+        """Make a status message; None if the client did not request this level: roslibpy treats one
+        as an error of its own."""
         if self._level == "none" or LEVELS.index(level) > LEVELS.index(self._level):
             return None
         return object_text(op="status", id=identity, level=level, msg=text)

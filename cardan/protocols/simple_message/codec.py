@@ -1,4 +1,4 @@
-"""Bytes of simple message to values and back. Decoding never raises: see `MalformedMessage`."""
+"""Codec of simple message. Decoding never raises: see `MalformedMessage`."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def _hints(body: type[Any]) -> list[Any]:
 
 
 def letters(body: type[Any]) -> list[str]:
-    """struct's letters of each field of a body as it is on the wire, "f" for a real of either
-    length; "" for a field of several records."""
+    """Return struct's letters of each field of a body on the wire: "f" for a real of either length,
+    "" for a field of several records."""
     return [_LETTERS.get(hint, "") for hint in _hints(body)]
 
 
 class _Record:
-    """A body, or a group in one, whose length never changes."""
+    """A body, or a group in one, of constant length."""
 
     def __init__(self, body: type[Any], order: ByteOrder, real: str) -> None:
         parts = self._parts(body)
@@ -54,7 +54,7 @@ class _Record:
         self._make = body._make
 
     def _parts(self, body: type[Any]) -> list[str]:
-        """The letters of each field."""
+        """Return the letters of each field."""
         return letters(body)
 
     def unpack(self, data: bytes, at: int = _TOP_BYTES) -> Any:
@@ -96,16 +96,16 @@ class _DhRecord(_Record):
 
 
 class _Groups:
-    """A body of some words and, after them, groups. One of the words is the number of groups."""
+    """A body of some words followed by groups. One of the words is the number of groups."""
 
     def __init__(self, body: type[Any], order: ByteOrder, real: str) -> None:
         *words, groups = _hints(body)
         self.group = _Record(get_args(groups)[0], order, real)
         self._fixed = m.MAX_GROUPS if body is m.JointFeedbackEx else 0
-        """Fixed number of groups on the wire; 0: as many as the number of groups says."""
+        """Fixed number of groups on the wire; 0: the number of groups in the body."""
         self._counted_last = body in (m.RtJointState, m.RtJointCommand)
-        """The number is the last word, of others the first; NTNU's firmware, whose bodies these
-        are, always sends the groups it could have."""
+        """True: the number is the last word, otherwise the first. NTNU's firmware, whose bodies
+        these are, always sends the largest number of groups."""
         self.head = struct.Struct(f"{order.value}{len(words) + (not self._fixed)}i")
         self.least = self.head.size + self._fixed * self.group.struct.size
         self._make = body._make
@@ -160,8 +160,8 @@ def _wrong_length(msg_type: int, data: bytes, sizes: Iterable[int]) -> m.Malform
 class WireFormat:
     """Simple message in one byte order and with one length of reals.
 
-    MotoROS and the drivers of other vendors that were built for it have reals of 4 bytes;
-    `real_bytes` 8 is for those built with double precision.
+    MotoROS and other vendors' drivers built for it have reals of 4 bytes; `real_bytes` 8 is for
+    those built with double precision.
     """
 
     def __init__(self, byte_order: ByteOrder = ByteOrder.LITTLE, real_bytes: int = 4) -> None:
@@ -187,13 +187,14 @@ class WireFormat:
         }
 
     def request_bytes(self, msg_type: T) -> int:
-        """Length of a request of this type, prefix included, without the groups that it counts."""
+        """Return the length of a request of this type, prefix included, without its groups."""
         body = m.BODIES[msg_type][0]
         record = self._records.get(body)
         return _TOP_BYTES + (self._groups[body].least if record is None else record.struct.size)
 
     def encode(self, message: m.Message) -> bytes:
-        """The bytes of `message`, prefix included. ValueError names what does not fit."""
+        """Encode `message`, prefix included. Raises ValueError that names the part that does not
+        fit."""
         body = message.body
         record = self._records.get(type(body))
         try:
@@ -213,7 +214,7 @@ class WireFormat:
         return top + data
 
     def decode(self, data: bytes) -> m.Message | m.MalformedMessage:
-        """The message in `data`: one whole message, prefix included."""
+        """Decode one complete message, prefix included."""
         if len(data) < _TOP_BYTES:
             return m.MalformedMessage(f"{len(data)} B, less than a header")
         length, msg_type, comm_type, reply_code = self._top.unpack_from(data)
@@ -238,7 +239,8 @@ class WireFormat:
         return _wrong_length(msg_type, data, (self._records[each].struct.size for each in bodies))
 
     def decode_datagram(self, data: bytes) -> m.Message | m.MalformedMessage:
-        """The message at the start of `data`; NTNU's fork sends more bytes than its prefix says."""
+        """Decode the message at the start of `data`; NTNU's fork sends more bytes than its prefix
+        tells."""
         if len(data) >= PREFIX_BYTES:
             length = self._top.unpack_from(data.ljust(_TOP_BYTES, b"\0"))[0]
             if HEADER_BYTES <= length < len(data) - PREFIX_BYTES:
@@ -250,14 +252,14 @@ _made = cache(WireFormat)
 
 
 def wire(byte_order: ByteOrder = ByteOrder.LITTLE, real_bytes: int = 4) -> WireFormat:
-    """The `WireFormat` for these; made once."""
+    """Return the `WireFormat` for these, cached."""
     return _made(byte_order, real_bytes)
 
 
 def detect_wire(frame: bytes) -> WireFormat | None:
-    """The wire in which `frame`, one whole message, is right; None when in none of them.
+    """Return the format in which `frame`, one complete message, is valid; None if there is none.
 
-    Reals of 8 bytes show in the length of a message that has any; of others 4 are assumed.
+    The length of a message with reals tells their size; without reals, 4 bytes are assumed.
     """
     order = detect_byte_order(frame)
     if order is None:

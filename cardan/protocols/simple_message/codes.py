@@ -1,4 +1,4 @@
-"""The numbers of simple message and their names.
+"""Numbers of simple message and their names.
 
 Sources: ROS-Industrial simple_message (simple_message.h, shared types), MotoROS 1.9.12
 (SimpleMessage.h, IoServer.h) and, for what is marked so, docs/protocols/simple-message.md.
@@ -23,7 +23,7 @@ class CommType(enum.IntEnum):
 
 
 class ReplyCode(enum.IntEnum):
-    """The header's verdict on a request; 0 in topics and requests."""
+    """Result of a request in the header; 0 in topics and requests."""
 
     INVALID = 0
     SUCCESS = 1
@@ -42,9 +42,9 @@ class MessageType(enum.IntEnum):
     JOINT_TRAJ_PT_FULL = 14
     JOINT_FEEDBACK = 15
     OLD_JOINT_TRAJ_PT_FULL_EX = 16
-    """Old number of 2016."""
+    """Former number of 2016."""
     OLD_JOINT_FEEDBACK_EX = 17
-    """Old number of 2017."""
+    """Former number of 2017."""
     READ_INPUT = 20
     WRITE_OUTPUT = 21
     MOTO_MOTION_CTRL = 2001
@@ -104,10 +104,10 @@ class MotionResult(enum.IntEnum):
     """Results in MOTO_MOTION_REPLY."""
 
     SUCCESS = 0
-    """And TRUE."""
+    """Also TRUE."""
     BUSY = 1
     FAILURE = 2
-    """And FALSE."""
+    """Also FALSE."""
     INVALID = 3
     ALARM = 4
     """Declared, never sent."""
@@ -127,7 +127,7 @@ class InvalidSubcode(enum.IntEnum):
     SEQUENCE = 3005
     """Negative."""
     COMMAND = 3006
-    """Declared, never sent: an unknown command gets the reply before it once more."""
+    """Declared, never sent: an unknown command gets the previous reply again."""
     DATA = 3010
     DATA_START_POS = 3011
     """Point 0 is more than 30 pulses from the commanded position."""
@@ -139,10 +139,10 @@ class InvalidSubcode(enum.IntEnum):
     DATA_INSUFFICIENT = 3015
     """Time, position and velocity must all be valid."""
     DATA_TIME = 3016
-    """14400 s and more."""
+    """At 14400 s or more."""
     DATA_TOOLNO = 3017
     VEL_SEQUENCE = 3040
-    """Velocity mode: not newer than the one before."""
+    """Velocity mode: not newer than the previous one."""
     VEL_NOT_FINITE = 3041
     """Velocity mode."""
 
@@ -187,7 +187,7 @@ class IoResult(enum.IntEnum):
 
 
 class ValidFields(enum.IntFlag):
-    """Flags of the valid fields of a point or of a feedback."""
+    """Flags for the valid fields of a point or of feedback."""
 
     TIME = 1
     POSITION = 2
@@ -214,7 +214,7 @@ class ActiveMode(enum.IntEnum):
 
 
 def name_of(codes: type[enum.IntEnum], value: int) -> str:
-    """The name of `value` in `codes`, or the number itself."""
+    """Return the name of `value` in `codes`, or the number itself."""
     try:
         return codes(value).name
     except ValueError:

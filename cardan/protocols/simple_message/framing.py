@@ -6,16 +6,16 @@ import enum
 
 PREFIX_BYTES = 4
 HEADER_BYTES = 12
-"""Message type, communication type, reply code; counted by the prefix, as the body is."""
+"""Message type, communication type and reply code; the prefix counts them and the body."""
 SHORTEST_PREFIX = HEADER_BYTES
 LONGEST_PREFIX = 0xFFFF
-"""Longest prefix of any message; it also tells the byte orders apart."""
+"""Longest prefix of any message; it also serves to detect the byte order."""
 LONGEST_PREFIX_OF_MOTOROS = 1020
-"""The longest message of MotoROS has 544; ROS's own client sends no more than this."""
+"""Longest message: MotoROS's has 544 bytes; ROS's own client sends none longer than this."""
 
 
 class ByteOrder(enum.Enum):
-    """Byte order of integers and reals, as the controller's CPU has it; struct's sign."""
+    """Byte order of integers and reals, that of the controller's CPU; struct's sign."""
 
     LITTLE = "<"
     """DX100, DX200, YRC1000, YRC1000micro."""
@@ -29,9 +29,9 @@ def _prefix(data: bytes | bytearray, order: ByteOrder) -> int:
 
 
 def detect_byte_order(data: bytes | bytearray) -> ByteOrder | None:
-    """The byte order in which the first prefix is plausible; None: in neither.
+    """Return the byte order in which the first prefix is plausible; None if neither is.
 
-    `data` begins with a prefix. Nothing on the wire says the byte order; a length is below 64 KiB.
+    `data` begins with a prefix. No field has the byte order, but a length is below 64 KiB.
     """
     for order in ByteOrder:
         if SHORTEST_PREFIX <= _prefix(data, order) <= LONGEST_PREFIX:
@@ -40,16 +40,15 @@ def detect_byte_order(data: bytes | bytearray) -> ByteOrder | None:
 
 
 def speaks_simple_message(said: bytes) -> bool | None:
-    """Whether a server's first words are simple message; None: more is needed."""
+    """True if a server's first bytes are simple message; None if more are needed."""
     return None if len(said) < PREFIX_BYTES else detect_byte_order(said) is not None
 
 
 class FrameReader:
-    """Collects bytes as they come from TCP and gives whole messages, each with its prefix.
+    """Splitter of a TCP stream into complete messages, each with its prefix.
 
-    The byte order is found from the first prefix unless it is given. A prefix that no message has
-    ends it: `failure` says why, and nothing more is taken, for there is no way to find the next
-    message.
+    The byte order is detected from the first prefix unless it is given. After an invalid prefix,
+    which hides the begin of the next message, the rest is ignored; `failure` is the reason.
     """
 
     def __init__(
@@ -62,16 +61,15 @@ class FrameReader:
 
     @property
     def pending_bytes(self) -> int:
-        """Bytes that wait for the rest of their message."""
+        """Bytes received of an incomplete message."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> None:
-        """Add what TCP delivered."""
         if not self.failure:
             self._buffer += data
 
     def take(self) -> bytes | None:
-        """Return the next whole message; None while there is none."""
+        """Return the next complete message; None if there is none."""
         buffer = self._buffer
         if len(buffer) < PREFIX_BYTES or self.failure:
             return None

@@ -1,4 +1,4 @@
-"""Addresses of inputs, outputs and registers, as MotoROS's I/O server (IoServer.c) has them."""
+"""Addresses of inputs, outputs and registers in MotoROS's I/O server (IoServer.c)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class AddressRange(NamedTuple):
     first: int
     last: int
     writable: bool = False
-    """Writable by clients."""
+    """True if clients may write."""
 
 
 ADDRESS_RANGES: Final = (
@@ -29,7 +29,7 @@ ADDRESS_RANGES: Final = (
     AddressRange("control status", 80010, 85127),
     AddressRange("pseudo inputs", 87010, 87207),
 )
-"""The ranges of a YRC1000, which has the most."""
+"""Ranges of a YRC1000, which has the most."""
 
 READABLE_REGISTERS: Final = 1000
 WRITABLE_REGISTERS: Final = 560

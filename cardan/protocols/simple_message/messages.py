@@ -1,7 +1,7 @@
-"""The messages of simple message as values, spelled as MotoROS spells them.
+"""Messages of simple message as values, with MotoROS's spelling.
 
-Angles in rad (m for linear axes), speeds in rad/s, times in s. Arrays of joints have ten entries,
-base to tool, whatever the arm has: `joints10` fills one up. Group numbers count from 0.
+Angles are in rad (m for linear axes), speeds in rad/s, times in s. Arrays of joints have ten
+entries, base to tool, for every arm: `joints10` pads one. Group numbers count from 0.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from typing import Annotated, NamedTuple
 from cardan.protocols.simple_message.codes import CommType, MessageType, ReplyCode
 
 JOINTS = 10
-"""ROS_MAX_JOINT: entries of every array of joints."""
+"""ROS_MAX_JOINT: length of every array of joints."""
 MAX_GROUPS = 4
-"""MOT_MAX_GR: groups a controller can have; JOINT_FEEDBACK_EX always carries this many."""
+"""MOT_MAX_GR: most groups of a controller; JOINT_FEEDBACK_EX always has this many."""
 DH_LINKS = 8
 
 Unsigned = Annotated[int, "without sign"]
-"""A word on the wire, as an `int` is; that one has a sign."""
+"""An unsigned word on the wire; `int` is a signed one."""
 Joints = tuple[float, ...]
-"""Ten values, one a joint."""
+"""Ten values, one per joint."""
 ZEROS: Joints = (0.0,) * JOINTS
 
 
 def joints10(values: Iterable[float]) -> Joints:
-    """`values` filled up with zeros to ten. ValueError when there are more."""
+    """Pad `values` with zeros to ten. Raises ValueError if there are more."""
     found = tuple(values)
     if len(found) > JOINTS:
         raise ValueError(f"{len(found)} joints are more than the {JOINTS} of a message")
@@ -34,7 +34,7 @@ def joints10(values: Iterable[float]) -> Joints:
 
 
 class Empty(NamedTuple):
-    """PING, GET_VERSION and the request of GET_DH_PARAMETERS: no body."""
+    """Body of PING, GET_VERSION and the request of GET_DH_PARAMETERS: empty."""
 
 
 class JointPosition(NamedTuple):
@@ -45,7 +45,8 @@ class JointPosition(NamedTuple):
 
 
 class JointTrajPt(NamedTuple):
-    """JOINT_TRAJ_PT 11. `velocity` is what each driver makes of it, often a share of the most."""
+    """JOINT_TRAJ_PT 11. The meaning of `velocity` depends on the driver, often a share of the
+    highest."""
 
     sequence: int
     pos: Joints
@@ -59,7 +60,7 @@ class RobotStatus(NamedTuple):
     drives_powered: int
     e_stopped: int
     error_code: int
-    """The first active alarm; 0 none."""
+    """First active alarm; 0 if there is none."""
     in_error: int
     in_motion: int
     mode: int
@@ -103,9 +104,8 @@ class MotionCtrl(NamedTuple):
 class MotionReply(NamedTuple):
     """MOTO_MOTION_REPLY 2002.
 
-    `command` is the MotionCommand, or the type of the message, that it answers. A server of inputs
-    and outputs that did not understand a message puts result and subcode into `group` and
-    `sequence`.
+    `command` is the answered MotionCommand, or the type of the answered message. If an I/O server
+    did not understand a message, result and subcode are in `group` and `sequence`.
     """
 
     group: int
@@ -385,11 +385,11 @@ BODIES: dict[MessageType, tuple[type[Body], ...]] = {
     MessageType.MOTO_JOINT_VELOCITY_EX: (JointVelocityEx,),
     MessageType.MOTO_VELOCITY_INFO: (VelocityInfoRequest, VelocityInfo),
 }
-"""Bodies by type; several bodies of a type differ in their lengths."""
+"""Bodies by type; if a type has several bodies, their lengths differ."""
 
 
 def _types() -> dict[type[Body], MessageType]:
-    """The type of each body that has one only; of the others it must be given."""
+    """Type of each body that has only one; for others it must be given."""
     old = (MessageType.OLD_JOINT_TRAJ_PT_FULL_EX, MessageType.OLD_JOINT_FEEDBACK_EX)
     found = [(body, each) for each in BODIES if each not in old for body in BODIES[each]]
     counts = Counter(body for body, _ in found)
@@ -409,15 +409,15 @@ def _type_of(body: Body, msg_type: int | None) -> int:
 
 
 def request(body: Body, msg_type: int | None = None) -> Message:
-    """A SERVICE_REQUEST; `msg_type` only for bodies that several types share."""
+    """Make a SERVICE_REQUEST; `msg_type` is only for bodies that several types share."""
     return Message(_type_of(body, msg_type), CommType.SERVICE_REQUEST, ReplyCode.INVALID, body)
 
 
 def topic(body: Body, msg_type: int | None = None) -> Message:
-    """A TOPIC, which gets no answer."""
+    """Make a TOPIC, which gets no answer."""
     return Message(_type_of(body, msg_type), CommType.TOPIC, ReplyCode.INVALID, body)
 
 
 def reply(body: Body, reply_code: int = ReplyCode.SUCCESS, msg_type: int | None = None) -> Message:
-    """A SERVICE_REPLY."""
+    """Make a SERVICE_REPLY."""
     return Message(_type_of(body, msg_type), CommType.SERVICE_REPLY, reply_code, body)

@@ -1,2 +1,2 @@
-"""The protocol of spacenavd's socket, both versions, as a client speaks it; the server's side is in
-the plug-in cardan-spnav-server."""
+"""Protocol of spacenavd's socket, client side, both versions; the server side is in the plug-in
+cardan-spnav-server."""

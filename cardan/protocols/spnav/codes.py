@@ -16,7 +16,7 @@ NEWEST_VERSION = 1
 """Version 0 has no handshake, motion and buttons only; version 1 adds requests."""
 
 REQUEST_TAG = 0x7FAA0000
-"""Upper half of a request's first word, which libspnav sets and no server looks at."""
+"""Upper half of a request's first word, set by libspnav and ignored by servers."""
 
 
 class Code(enum.IntEnum):

@@ -1,13 +1,10 @@
-"""Records of the spacenavd protocol: bytes to values and back.
+"""Codec of the spacenavd protocol's records.
 
 Everything but the handshake and the version 0 sensitivity is a record of eight 32-bit words in the
-host's byte order: it never leaves the machine.
-
-Axes are spacenavd's: x right, y up, z away from the operator. The triad is left-handed; rotations
-are right-handed, each about its axis. Counts; what a full deflection gives differs from device to
-device.
-
-Source: spacenavd's and libspnav's description of the protocol (FreeSpacenav).
+host's byte order, because it never leaves the computer. Axes are spacenavd's: x right, y up, z away
+from the operator. The triad is left-handed; rotations are right-handed, each about its axis. Values
+are counts, of which a full deflection gives a number that depends on the device. Source:
+spacenavd's and libspnav's description of the protocol (FreeSpacenav).
 """
 
 from __future__ import annotations
@@ -31,7 +28,7 @@ ADDED, REMOVED = 0, 1
 """Second word of a device event."""
 
 MAX_BUTTONS = 256
-"""Button numbers are below this; spacenavd itself knows fewer."""
+"""Limit of button numbers; spacenavd itself knows fewer."""
 
 
 _HANDSHAKE_TAG = 0x7FAA5500
@@ -56,7 +53,7 @@ class MotionEvent(NamedTuple):
     ry: int
     rz: int
     period_ms: int
-    """Time since the motion before this one."""
+    """Time since the previous motion, ms."""
 
 
 class Button(NamedTuple):
@@ -67,7 +64,7 @@ class Button(NamedTuple):
 
 
 class DeviceChange(NamedTuple):
-    """Event 3: a device came or went."""
+    """Event 3: a device was added or removed."""
 
     added: bool
     id: int
@@ -111,13 +108,13 @@ class ServerReply(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Whether the request was granted."""
+        """True if the request was granted."""
         return self.data[STATUS] >= OK
 
 
 class MalformedRecord(NamedTuple):
-    """Bytes that mean nothing; `reason` is "of an unknown type", "with an impossible value" or
-    "of the wrong length"."""
+    """Bytes that mean nothing; `reason` is "of an unknown type", "with an impossible value" or "of
+    the wrong length"."""
 
     reason: str
     word: int
@@ -129,7 +126,7 @@ ServerRecord = Event | ServerReply | MalformedRecord
 
 
 def decode_server_record(record: bytes) -> ServerRecord:
-    """The value of a record that a server sent. Never raises."""
+    """Decode a record from a server. Never raises."""
     if len(record) != RECORD_BYTES:
         return MalformedRecord("of the wrong length", 0)
     words = _EIGHT(record)
@@ -159,9 +156,9 @@ _CODES = frozenset(Code)
 
 
 def encode_request(code: int, data: Sequence[int] = ()) -> bytes:
-    """A request as libspnav sends it; missing data are zero.
+    """Encode a request as libspnav does; missing data are zero.
 
-    Raises ValueError for what does not fit.
+    Raises ValueError for values that do not fit.
     """
     if not 0 <= code <= 0xFFFF:
         raise ValueError(f"request code is {code:#x}; allowed: 0 to 0xffff")
@@ -171,21 +168,21 @@ def encode_request(code: int, data: Sequence[int] = ()) -> bytes:
 
 
 def encode_reply(word: int, data: Sequence[int] = (), status: int = OK) -> bytes:
-    """The answer to a request whose first word was `word`; up to six words of data."""
+    """Encode the answer to a request whose first word was `word`; up to six words of data."""
     if len(data) > STATUS:
         raise ValueError(f"{len(data)} words of data; allowed: up to {STATUS}")
     return encode_words(word, (*data, *(0,) * (STATUS - len(data)), status))
 
 
 def encode_handshake(version: int) -> bytes:
-    """The word that asks for `version`, or grants it (0 to 255)."""
+    """Encode the word that requests `version`, or grants it (0 to 255)."""
     if not 0 <= version <= 0xFF:
         raise ValueError(f"protocol version is {version}; allowed: 0 to 255")
     return _UNSIGNED.pack(_HANDSHAKE_TAG | version)
 
 
 def decode_handshake(word: bytes) -> int | None:
-    """The version that four bytes ask for or grant; None when they are something else."""
+    """Decode the version that four bytes request or grant; None if they are something else."""
     (value,) = _UNSIGNED.unpack(word)
     if value & _HANDSHAKE_MASK != _HANDSHAKE_TAG:
         return None
@@ -194,7 +191,7 @@ def decode_handshake(word: bytes) -> int | None:
 
 
 def encode_sensitivity(sensitivity: float) -> bytes:
-    """Encode the request of a version 0 client to multiply its motion.
+    """Encode the request of a version 0 client to scale its motion.
 
     Raises ValueError for a value that is no finite 32-bit float.
     """
@@ -211,9 +208,9 @@ def encode_sensitivity(sensitivity: float) -> bytes:
 def to_robot_axes(
     counts: Sequence[int], full_scale: float, rotation_full_scale: float | None = None
 ) -> Axes:
-    """Deflections in -1..1 (x forward, y left, z up, right-handed) of spacenavd's counts.
+    """Convert spacenavd's counts to deflections in -1..1 (x forward, y left, z up, right-handed).
 
-    `rotation_full_scale`: that of rotations, where it differs.
+    `rotation_full_scale` is that of rotations, if it differs.
     """
     scale = full_scale if rotation_full_scale is None else rotation_full_scale
     x, y, z = (min(1.0, max(-1.0, count / full_scale)) for count in counts[:3])
@@ -222,7 +219,8 @@ def to_robot_axes(
 
 
 def encode_words(word: int, data: Sequence[int]) -> bytes:
-    """A record of `word` and seven words. Raises ValueError for what does not fit 32 bits."""
+    """Encode a record of `word` and seven words. Raises ValueError for values that do not fit 32
+    bits."""
     try:
         return _RECORD.pack(word, *data)
     except struct.error:

@@ -1,4 +1,4 @@
-"""Both directions of a spacenavd connection as byte streams, cut into values."""
+"""Split of both byte streams of a spacenavd connection into values."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from cardan.protocols.spnav.records import (
 
 
 class Handshake(NamedTuple):
-    """The version that a client asks for, or a server grants."""
+    """Version that a client requests, or a server grants."""
 
     version: int
 
 
 class ServerReader:
-    """Reads what a server sends, whatever pieces it comes in; at most 31 bytes are kept."""
+    """Reader of a server's stream, in pieces of any length; keeps at most 31 bytes."""
 
     def __init__(self) -> None:
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[ServerRecord | Handshake]:
-        """The values that `data` completes. Never raises."""
+        """Return the values that `data` completes. Never raises."""
         buffer = self._buffer + data
         values: list[ServerRecord | Handshake] = []
         at = 0
         while len(buffer) - at >= WORD_BYTES:
-            # A grant is one word between records, however late a server answers.
+            # A grant is a single word between records, even if the server answers late.
             version = decode_handshake(buffer[at : at + WORD_BYTES])
             if version is not None:
                 values.append(Handshake(version))

@@ -1,4 +1,4 @@
-"""Strings of the spacenavd protocol: 24 bytes per record, and the number left."""
+"""Strings of the spacenavd protocol: 24 bytes per record, and the number of records left."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ from cardan.protocols.spnav.records import encode_reply
 
 CHUNK_BYTES = 24
 CONTINUED = 0x10000
-"""Set in the last word of every record of a string but the first."""
+"""Bit set in the last word of every record of a string but the first."""
 LONGEST_BYTES = 0xFFFF
 
 _SIX = struct.Struct("=6i")
 
 
 def encode_string(word: int, text: str) -> list[bytes]:
-    """The records that carry `text` (UTF-8, cut at `LONGEST_BYTES`), first word `word`.
-
-    A client that sends a string, and a server that answers with one, do it alike.
-    """
+    """Encode `text` (UTF-8, truncated at `LONGEST_BYTES`) as records with the first word `word`, in
+    the form of both clients and servers."""
     left = text.encode()[:LONGEST_BYTES]
     records: list[bytes] = []
     while left or not records:

@@ -1,1 +1,1 @@
-"""Universal Robots: RTDE, the dashboard server, the primary interface and URScript."""
+"""Protocols of Universal Robots: RTDE, dashboard server, primary interface, URScript."""

@@ -1,7 +1,4 @@
-"""The dashboard server, TCP port 29999: a line of text a request, and a line a reply.
-
-Source: UR's dashboard server pages for CB3 and e-Series (public).
-"""
+"""Dashboard server, TCP port 29999: a line of text per request, and one per reply."""
 
 from __future__ import annotations
 
@@ -28,7 +25,7 @@ SHUTDOWN: Final = "shutdown"
 QUIT: Final = "quit"
 
 UNLOCK_AFTER_S: Final = 5.0
-"""A protective stop cannot be unlocked sooner."""
+"""Time before which a protective stop cannot be unlocked, s."""
 
 GRANTED: Final[Mapping[str, str]] = {
     POWER_ON: "Powering on",
@@ -43,44 +40,43 @@ GRANTED: Final[Mapping[str, str]] = {
 
 
 def request(line: str) -> bytes:
-    """A request. ValueError for a text that is more than one line."""
+    """Encode a request. Raises ValueError for a text of more than one line."""
     if "\n" in line or "\r" in line:
         raise ValueError(f"{line!r} is more than one line")
     return line.encode() + b"\n"
 
 
 def refusal(line: str, reply: str) -> str:
-    """Return the server's refusal of the request `line`; empty: it was granted."""
+    """Return the server's refusal of the request `line`; empty if it was granted."""
     return "" if reply.lower().startswith(GRANTED[line].lower()) else reply
 
 
 def greets(said: bytes) -> bool | None:
-    """Whether a server's first words are a dashboard's; None: more is needed."""
+    """True if a server's first bytes are a dashboard server's; None if more are needed."""
     greeting = GREETING.encode()
     return None if said != greeting and greeting.startswith(said) else said.startswith(greeting)
 
 
 class DashboardReader(StreamReader):
-    """Cuts a TCP stream into lines."""
+    """Splitter of a TCP stream into lines."""
 
     def __init__(self) -> None:
         super().__init__()
         self._skips = False
 
     def feed(self, data: bytes) -> None:
-        """Add what came."""
         super().feed(data)
         if self._skips:
             _, end, rest = self._pending.partition(b"\n")
             self._pending, self._skips = rest, not end
 
     def skip(self) -> None:
-        """Go on after the line that was too long, as a server may."""
+        """Continue after a line that was too long, as a server may."""
         self.failure, self._skips = "", True
         self.feed(b"")
 
     def take(self) -> str | None:
-        """The next line without its end; None: it has not all come."""
+        """Return the next line without its end; None if it is incomplete."""
         if self.failure:
             return None
         line, found, rest = self._pending.partition(b"\n")

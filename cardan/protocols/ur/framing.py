@@ -1,10 +1,8 @@
-"""Framing of TCP streams: the base of its readers, and scripts that come one after the other.
+"""Framing of TCP streams: base of the readers, and a reader of consecutive scripts.
 
-The interfaces that take scripts have no packets: a program is over with the `end` that closes its
-`def` (or `sec`), and a line outside of a program is a command of its own. Lines of comments before
-a program belong to it, so that its lines are counted from where its text begins.
-
-Source: UR's script manual (public).
+The interfaces that take scripts have no packets: a program ends with the `end` that closes its
+`def` (or `sec`), and a line outside a program is a command. Comment lines before a program belong
+to it and count in its line numbers. Source: UR's script manual (public).
 """
 
 from __future__ import annotations
@@ -13,28 +11,27 @@ import re
 from typing import Final
 
 OPENING: Final = frozenset(("def", "sec", "thread", "if", "while", "switch"))
-"""Words of blocks that `end` closes."""
+"""Keywords of blocks that `end` closes."""
 UNFINISHED_S: Final = 2.0
-"""A program of which nothing more has come for so long is taken as it is."""
+"""Time without further bytes after which an incomplete program is executed as it is, s."""
 
 _WORD = re.compile(r"""\#.*|"[^"]*"?|'[^']*'|(?<![\w.])[A-Za-z_]\w*""")
 
 
 class StreamReader:
-    """Unread bytes of a TCP stream, which a subclass cuts into whole messages by `take`."""
+    """Unread bytes of a TCP stream, which a subclass splits into messages by `take`."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
         self.failure = ""
-        """Reason why nothing after this can be read; empty: none."""
+        """Reason why the rest cannot be read; empty if there is none."""
 
     @property
     def pending_bytes(self) -> int:
-        """Bytes that wait for the rest of their message."""
+        """Bytes received of an incomplete message."""
         return len(self._pending)
 
     def feed(self, data: bytes) -> None:
-        """Add what came."""
         self._pending += data
 
 
@@ -50,31 +47,30 @@ def depth_of(line: str) -> int:
 
 
 class ScriptReader:
-    """Cuts a TCP stream into programs and commands of one line."""
+    """Splitter of a TCP stream into programs and one-line commands."""
 
     def __init__(self, largest: int) -> None:
-        """`largest`: bytes of a program."""
+        """Limit a program to `largest` bytes."""
         self._largest = largest
         self._pending = bytearray()
-        """A line that has not all come."""
+        """Incomplete line."""
         self._lines: list[str] = []
-        """Lines of the unfinished part: comments, or a program."""
+        """Lines of the incomplete part: comments, or a program."""
         self._size = 0
-        """Bytes of these."""
+        """Bytes of these lines."""
         self._depth = 0
         self._too_large = False
-        """The unfinished part has more bytes than a program may have, and is not kept."""
+        """True if the incomplete part is larger than a program may be, and is discarded."""
         self._whole: list[str] = []
         self.refused = 0
-        """Programs that had too many bytes; the reporter sets it to 0."""
+        """Count of programs that were too large; the reporter resets it to 0."""
 
     @property
     def open(self) -> bool:
-        """A program has begun and has not ended."""
+        """True while a program is incomplete."""
         return self._depth > 0
 
     def feed(self, data: bytes) -> None:
-        """Add received bytes."""
         first, *others = data.split(b"\n")
         self._part(first)
         for part in others:
@@ -82,11 +78,11 @@ class ScriptReader:
             self._part(part)
 
     def take(self) -> str | None:
-        """Return the next program or command; None: it is not complete."""
+        """Return the next program or command; None if it is incomplete."""
         return self._whole.pop(0) if self._whole else None
 
     def end(self) -> None:
-        """Handle the end of the stream: the rest is complete."""
+        """Handle the end of the stream: the rest counts as complete."""
         if self._pending:
             self._line()
         if self.open or self._too_large:
@@ -94,7 +90,7 @@ class ScriptReader:
         self._lines, self._size = [], 0
 
     def _part(self, data: bytes) -> None:
-        """Add a part of a line, up to the bytes of a program and one more."""
+        """Add a part of a line, up to one byte more than a program may have."""
         self._pending += data[: self._largest + 1 - len(self._pending)]
 
     def _line(self) -> None:

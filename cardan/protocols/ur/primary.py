@@ -1,9 +1,9 @@
 """The primary interface, TCP port 30001: programs in, states and messages out.
 
-A program is sent as text; what the controller sends is packages: size (int32, with itself), type
-(uint8) and content, big-endian: messages (type 20) and robot states (type 16), of which the modes
-are here and the rest is in `robot_state`. The secondary interface, TCP port 30002, is the same
-without the messages, but for the version.
+A program is sent as text. The controller sends packages: size (int32, inclusive), type (uint8) and
+content, big-endian: messages (type 20) and robot states (type 16), whose modes are here and the
+rest in `robot_state`. The secondary interface, TCP port 30002, has of the messages only the
+version.
 
 Source: UR's client interface tables (public).
 """
@@ -22,7 +22,7 @@ SECONDARY_PORT: Final = 30002
 READ_ONLY: Final = 10
 """Offset of the ports of the read-only interfaces."""
 LARGEST: Final = 1 << 20
-"""No package of a controller is longer."""
+"""Longest package of a controller, bytes."""
 
 _HEADER = struct.Struct(">iB")
 _MESSAGE = struct.Struct(">QbB")
@@ -74,9 +74,9 @@ class RobotMessage(NamedTuple):
     line: int = 0
     """Line of a runtime exception in the program, counted from 1."""
     title: str = ""
-    """Title of a key message, or of a popup."""
+    """Title of a key message or popup."""
     code: int = 0
-    """Code of an error or of a safety mode message, number of a label or of a popup."""
+    """Code of an error or safety mode message, number of a label or popup."""
 
 
 class PrimaryPackage(NamedTuple):
@@ -87,15 +87,15 @@ class PrimaryPackage(NamedTuple):
 
 
 def package(kind: int, content: bytes) -> bytes:
-    """A package."""
+    """Encode a package."""
     return _HEADER.pack(_HEADER.size + len(content), kind) + content
 
 
 class PackageReader(StreamReader):
-    """Cuts a TCP stream into packages."""
+    """Splitter of a TCP stream into packages."""
 
     def take(self) -> PrimaryPackage | None:
-        """The next package; None: it has not all come."""
+        """Return the next package; None if it is incomplete."""
         pending = self._pending
         if self.failure or len(pending) < _HEADER.size:
             return None
@@ -116,11 +116,11 @@ _CODED = {
     MessageKind.ERROR_CODE: _COMM,
     MessageKind.REQUEST_VALUE: _REQUEST,
 }
-"""Forms of messages that begin with their code."""
+"""Formats of messages that begin with their code."""
 
 
 def read_message(found: PrimaryPackage) -> RobotMessage | None:
-    """The message in a package; None where it is another package, or cut."""
+    """Decode the message in a package; None for another or a truncated package."""
     if found.kind != ROBOT_MESSAGE or len(found.content) < _MESSAGE.size:
         return None
     _, _, kind = _MESSAGE.unpack_from(found.content)
@@ -156,7 +156,7 @@ def _message(time_s: float, kind: MessageKind, content: bytes) -> bytes:
 def version_message(
     time_s: float, version: tuple[int, int, int, int], built: str = "01-01-2022, 00:00:00"
 ) -> bytes:
-    """Encode the first message of a controller. `time_s` since it was switched on."""
+    """Encode the first message of a controller; `time_s` is since power-on."""
     name = b"URControl"
     numbers = _VERSION.pack(version[0], version[1], version[2], version[3])
     content = bytes([len(name)]) + name + numbers + built.encode()
@@ -169,14 +169,14 @@ def text_message(time_s: float, text: str) -> bytes:
 
 
 def key_message(time_s: float, title: str, text: str) -> bytes:
-    """A key message, such as PROGRAM_XXX_STARTED with the program's name."""
+    """Encode a key message, such as PROGRAM_XXX_STARTED with the program's name."""
     titled = title.encode()[:255]
     content = _PLACE.pack(0, 0) + bytes([len(titled)]) + titled + text.encode()
     return _message(time_s, MessageKind.KEY, content)
 
 
 def exception_message(time_s: float, line: int, text: str) -> bytes:
-    """Encode the reason why a program ended, or was not begun."""
+    """Encode the reason why a program ended or did not start."""
     content = _PLACE.pack(line, 1) + text.encode()
     return _message(time_s, MessageKind.RUNTIME_EXCEPTION, content)
 
@@ -202,14 +202,14 @@ def popup_message(
 
 
 def safety_message(time_s: float, mode: SafetyMode) -> bytes:
-    """The safety mode has changed."""
+    """Encode a change of the safety mode."""
     return _message(time_s, MessageKind.SAFETY_MODE, _SAFETY.pack(0, 0, mode, 0, 0))
 
 
 def error_message(
     time_s: float, code: int, argument: int, level: ReportLevel, text: str = ""
 ) -> bytes:
-    """An error: C`code`A`argument` of UR's list of them."""
+    """Encode an error: C`code`A`argument` of UR's list."""
     content = _COMM.pack(code, argument, level, 0, 0) + text.encode()
     return _message(time_s, MessageKind.ERROR_CODE, content)
 
@@ -230,7 +230,7 @@ class ModeData(NamedTuple):
 def state_package(
     time_s: float, data: ModeData, parts: bytes = b"", before_3_5: bool = False
 ) -> bytes:
-    """A robot state: the modes, then `parts`, its other sub-packages."""
+    """Encode a robot state: the modes, then `parts`, its other sub-packages."""
     reserved = b"" if before_3_5 else _RESERVED
     content = _MODE.pack(
         _MODE.size + len(reserved),
@@ -253,7 +253,7 @@ def state_package(
 
 
 def read_mode(found: PrimaryPackage) -> ModeData | None:
-    """The modes in a robot state; None where they are not its first part."""
+    """Decode the modes in a robot state; None if they are not its first part."""
     if found.kind != ROBOT_STATE or len(found.content) < _MODE.size:
         return None
     values = _MODE.unpack_from(found.content)

@@ -1,9 +1,9 @@
-"""A program that a client runs at the controller to have joints followed, and the registers between
+"""Program that a client runs at the controller to follow joint targets, and the registers between
 them.
 
-It servos to the joints that the registers hold. When no command comes it goes on at the last
-speeds, as the client assumes when it comes back, and stops the arm and ends after the watchdog's
-time. It obeys one run of the client only: the one whose token it was made with.
+The program servos to the joints in the registers. Without a command it continues at the last
+speeds, as a resuming client assumes, and after the watchdog's time it stops the arm and ends. It
+obeys a single run of the client: the one with the program's token.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ JOINTS: Final = 6
 FIRST_WAIT_S: Final = 2.0
 """Timeout of the program for the first command."""
 LARGEST_JUMP_RAD: Final = 0.15
-"""Largest plausible step of a command from the one before, or from where the program has gone on
-to: while the client stands still both go on at a speed that both know."""
+"""Largest plausible step of a command from the previous one, or from the place that the program has
+reached without commands, at a speed known to both sides."""
 
 
 class ProgramCommand(enum.IntEnum):
-    """Order of the client, in an input register."""
+    """Command of the client, in an input register."""
 
     FOLLOW = 1
     END = 2
@@ -41,7 +41,8 @@ class ProgramStatus(enum.IntEnum):
 
 
 def input_names(first: int) -> tuple[str, ...]:
-    """Token, beat, order, joints and joint speeds: the registers that the client writes."""
+    """Return the registers that the client writes: token, beat, command, joints and joint
+    speeds."""
     return (
         *(f"input_int_register_{first + n}" for n in range(3)),
         *(f"input_double_register_{first + n}" for n in range(2 * JOINTS)),
@@ -49,7 +50,7 @@ def input_names(first: int) -> tuple[str, ...]:
 
 
 def report_names(first: int) -> tuple[str, str, str]:
-    """Token, report, and the beat that was obeyed last: the registers that the program writes."""
+    """Return the registers that the program writes: token, status, and the last obeyed beat."""
     return (
         f"output_int_register_{first}",
         f"output_int_register_{first + 1}",
@@ -58,15 +59,15 @@ def report_names(first: int) -> tuple[str, str, str]:
 
 
 def nobody(beat: int) -> list[Any]:
-    """Registers' values that no program obeys."""
+    """Return register values that no program obeys."""
     return [0, beat, int(ProgramCommand.END), *(0.0,) * (2 * JOINTS)]
 
 
 class Servoing(NamedTuple):
-    """Parameters of a program: how it follows, and its watchdog."""
+    """Parameters of a program: servoing and watchdog."""
 
     first_register: int = UPPER_REGISTERS
-    """First of the registers between the client and the program."""
+    """First register between the client and the program."""
     watchdog_s: float = 0.1
     """Time without a command after which it stops the arm and ends."""
     lookahead_s: float = 0.03
@@ -74,11 +75,11 @@ class Servoing(NamedTuple):
     gain: int = 500
     """servoj's `gain`."""
     stop_rad_s2: float = 5.0
-    """Deceleration at its end, of the joint that is fastest."""
+    """Deceleration of the fastest joint at its end."""
 
 
 def program(servoing: Servoing, token: int, control_period_s: float) -> str:
-    """The program's text, for a controller whose control loop has this period."""
+    """Return the program's text for a controller whose control loop has this period."""
     first = servoing.first_register
     joints = range(JOINTS)
     goal = ", ".join(f"read_input_float_register({first + n})" for n in joints)

@@ -1,9 +1,8 @@
-"""The real-time interface, TCP port 30003: scripts in, and out a packet each control cycle.
+"""Real-time interface, TCP port 30003: scripts in, and a packet out in each control cycle.
 
-A packet is its size (int32, with itself) and doubles, big-endian, which a later version only adds
-to: 1060 bytes in 3.2, 1108 from 3.5 on and in 5.0, 1116 in 5.4, 1140 in 5.9, 1220 from 5.10 on.
-
-Source: UR's guide to the real-time interface (public).
+A packet is its size (int32, inclusive) and doubles, big-endian; later versions append to them: 1060
+bytes in 3.2, 1108 from 3.5 on and in 5.0, 1116 in 5.4, 1140 in 5.9, 1220 from 5.10 on. Source: UR's
+guide to the real-time interface (public).
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from cardan.protocols.ur.framing import StreamReader
 
 REALTIME_PORT: Final = 30003
 LARGEST: Final = 1 << 16
-"""No packet of a controller is longer."""
+"""Longest packet of a controller, bytes."""
 
 _SIZE = struct.Struct(">i")
 
@@ -25,10 +24,10 @@ class RealtimeField(NamedTuple):
     """Doubles of a packet."""
 
     variable: str
-    """Variable of RTDE; empty: unpublished."""
+    """Variable of RTDE; empty if there is none."""
     width: int
     since: tuple[tuple[int, int], ...] = ((3, 2), (5, 0))
-    """The first version of each major one that has it."""
+    """First version of each major one that has it."""
 
 
 _ELBOW = ((3, 5), (5, 0))
@@ -79,7 +78,7 @@ FIELDS: Final[tuple[RealtimeField, ...]] = (
 
 
 class RealtimeForm:
-    """The packet of a version."""
+    """Packet format of a version."""
 
     def __init__(self, version: tuple[int, int]) -> None:
         self.fields = tuple(
@@ -91,11 +90,11 @@ class RealtimeForm:
 
     @property
     def size(self) -> int:
-        """Bytes of a packet."""
+        """Length of a packet, bytes."""
         return self._struct.size
 
     def pack(self, value: Callable[[str], Any]) -> bytes:
-        """A packet; `value` gives a variable of RTDE."""
+        """Encode a packet; `value` returns a variable of RTDE."""
         numbers: list[float] = []
         for name, width, _ in self.fields:
             if not name:
@@ -107,7 +106,7 @@ class RealtimeForm:
         return self._struct.pack(self.size, *numbers)
 
     def read(self, packet: bytes) -> dict[str, tuple[float, ...]] | None:
-        """The variables of RTDE in a packet of this version, or of a later one; None: it is
+        """Decode the variables of RTDE in a packet of this or a later version; None if it is
         shorter."""
         if len(packet) < self.size:
             return None
@@ -120,10 +119,10 @@ class RealtimeForm:
 
 
 class RealtimeReader(StreamReader):
-    """Cuts a TCP stream into packets."""
+    """Splitter of a TCP stream into packets."""
 
     def take(self) -> bytes | None:
-        """The next packet with its size; None: it has not all come."""
+        """Return the next packet with its size; None if it is incomplete."""
         pending = self._pending
         if self.failure or len(pending) < _SIZE.size:
             return None

@@ -1,11 +1,9 @@
 """Sub-packages of a robot state, after the modes, which a controller sends ten times a second.
 
-Each is a table of fields: how a field is packed (big-endian, as `struct` writes it), and what is in
-it: a variable of RTDE (``name.3`` is its bit 3), a name that only clients of these interfaces know,
-or a value that never changes.
-
-Source: UR's guide to the primary and secondary interfaces (public); sizes and order as in a state
-of URSim 5.8 that UR's client library has among its tests.
+Each is a table of fields with their format (big-endian, for `struct`) and content: a variable of
+RTDE (``name.3`` is its bit 3), a name specific to these interfaces, or a constant. Source: UR's
+guide to the primary and secondary interfaces (public); sizes and order as in a state of URSim 5.8
+that UR's client library has among its tests.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ JOINTS: Final = 6
 _HEAD = struct.Struct(">iB")
 
 Values = Callable[[str], Any]
-"""The value of a variable by its name; a vector is a sequence."""
+"""Value of a variable by its name; a vector is a sequence."""
 
 
 class SubPackageField(NamedTuple):
@@ -37,9 +35,9 @@ class SubPackage(NamedTuple):
     kind: int
     fields: tuple[SubPackageField, ...]
     each_joint: bool = False
-    """The fields come once for each joint, of whose values one is taken."""
+    """True: the fields repeat for each joint, with one element of each vector."""
     e_series: bool = False
-    """A CB3 has none."""
+    """True: a CB3 has none."""
 
     @property
     def form(self) -> str:
@@ -49,11 +47,11 @@ class SubPackage(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes of its fields, without its size and its kind; a later version may add to them."""
+        """Bytes of its fields, without its size and kind; later versions may append to them."""
         return struct.calcsize(self.form) - _HEAD.size
 
     def pack(self, values: Values) -> bytes:
-        """The sub-package."""
+        """Encode the sub-package."""
         found: list[Any] = []
         if self.each_joint:
             read = [_value(field.source, values) for field in self.fields]
@@ -125,7 +123,7 @@ MASTERBOARD_DATA: Final = SubPackage(
         _F("f", "io_current"),
         _F("B", "safety_mode"),
         _F("B", "safety_status_bits.1"),
-        # No Euromap 67: its four fields, which come next, are left out.
+        # No Euromap 67: its four fields, which follow, are left out.
         _F("B", 0),
         _F("I", 0),
         _F("B", "operational_mode"),
@@ -152,7 +150,7 @@ CONFIGURATION_DATA: Final = SubPackage(
     (
         _F("12d", "joint_limits"),
         _F("12d", "joint_motion_limits"),
-        # Defaults: of joints rad/s and rad/s², of the tool m/s and m/s²; then m a rad.
+        # Defaults: joints in rad/s and rad/s², the tool in m/s and m/s²; then m per rad.
         _F("d", 1.0471975511965976),
         _F("d", 1.3962634015954636),
         _F("d", 0.25),
@@ -182,7 +180,7 @@ TOOL_COMMUNICATION_INFO: Final = SubPackage(
     11,
     (
         _F("B", "tool_communication_enabled"),
-        # As they are before a program changes them: bits/s, no parity, stop bits, idle characters.
+        # Defaults: bits/s, no parity, stop bits, idle characters.
         _F("i", 115_200),
         _F("i", 0),
         _F("i", 1),

@@ -1,9 +1,9 @@
 """Real-Time Data Exchange (RTDE): packets on TCP port 30004.
 
-A packet is its size (uint16, with this header), its type (uint8) and a payload, all big-endian. The
-client agrees on the version, sets up recipes (names of variables; the controller answers with their
-types and a number), and starts; then a data package is a recipe's number and its values. This is
-protocol version 2; in version 1 outputs have neither a frequency nor a number.
+A packet is its size (uint16, inclusive), its type (uint8) and a payload, all big-endian. The client
+negotiates the version, sets up recipes (names of variables; the controller answers with their types
+and a number), and starts; then a data package is a recipe's number and its values. This is protocol
+version 2; in version 1 outputs have neither a frequency nor a number.
 
 Source: UR's RTDE guide (public).
 """
@@ -24,19 +24,19 @@ VERSION: Final = 2
 VERSIONS: Final = (1, 2)
 """Versions of the protocol."""
 LARGEST: Final = 0xFFFF
-"""Bytes of a packet; its size has 16 bits."""
+"""Most bytes of a packet; its size has 16 bits."""
 
 _HEADER = struct.Struct(">HB")
 _DATA_HEAD = struct.Struct(">HBB")
 _WORD = struct.Struct(">H")
 _VERSION_REPLY = struct.Struct(">4I")
 _LONGEST_TEXT: Final = _HEADER.size + 2 * 256 + 1
-"""Bytes of a packet with a message, the longest that may come before the version is agreed on."""
+"""Most bytes of a packet with a message, the longest before the version is negotiated."""
 _FREQUENCY = struct.Struct(">d")
 
 
 class PacketType(enum.IntEnum):
-    """The type of a packet; a reply has that of its request."""
+    """Type of a packet; a reply has its request's."""
 
     PROTOCOL_VERSION = ord("V")
     CONTROLLER_VERSION = ord("v")
@@ -63,20 +63,20 @@ class TextLevel(enum.IntEnum):
 
 
 class MalformedPayload(NamedTuple):
-    """A payload that means nothing."""
+    """A payload that cannot be decoded."""
 
     reason: str
 
 
 class Accepted(NamedTuple):
-    """The reply to the version, to start and to pause."""
+    """Reply to the version, to start and to pause."""
 
     kind: PacketType
     accepted: bool
 
 
 class ControllerVersion(NamedTuple):
-    """The controller's software."""
+    """Version of the controller's software."""
 
     major: int
     minor: int
@@ -87,7 +87,7 @@ class ControllerVersion(NamedTuple):
 E_SERIES_RATE_HZ: Final = 500.0
 CB3_RATE_HZ: Final = 125.0
 CB3_MAJOR: Final = 3
-"""PolyScope 3 is a CB3; 5 and later are e-Series and what came after."""
+"""Major version of PolyScope: 3 is a CB3; 5 and later are e-Series and successors."""
 
 
 def control_rate_hz(version: ControllerVersion | None) -> float:
@@ -104,18 +104,18 @@ class TextMessage(NamedTuple):
 
 
 class RecipeSetup(NamedTuple):
-    """A client asks for a recipe."""
+    """A client's request for a recipe."""
 
     kind: PacketType
     """OUTPUTS or INPUTS."""
     names: tuple[str, ...]
     frequency_hz: float = 0.0
-    """Rate of outputs."""
+    """Rate of outputs, Hz."""
 
 
 class SetupReply(NamedTuple):
-    """The recipe's number, 0 where there is none, and the type of each of its variables, or
-    NOT_FOUND, or IN_USE. In version 1 outputs have no number: 1 where all were found."""
+    """Number of the recipe, 0 if refused, and the type of each of its variables, or NOT_FOUND, or
+    IN_USE. In version 1 outputs have no number: 1 if all were found."""
 
     kind: PacketType
     recipe: int
@@ -123,15 +123,15 @@ class SetupReply(NamedTuple):
 
 
 class Data(NamedTuple):
-    """A data package; its recipe knows what the values are. In version 1 a controller's has no
-    number: 0."""
+    """Data package, whose recipe defines its values. In version 1 a controller's has no number:
+    0."""
 
     recipe: int
     values: bytes
 
 
 class ControlRequest(NamedTuple):
-    """A request without a payload, or the protocol version that is asked for."""
+    """A request without a payload, or with the requested protocol version."""
 
     kind: PacketType
     version: int = 0
@@ -142,7 +142,7 @@ IN_USE: Final = "IN_USE"
 
 
 def packet(kind: PacketType, payload: bytes = b"") -> bytes:
-    """A packet. ValueError where it is longer than a packet can be."""
+    """Encode a packet. Raises ValueError if it is too long."""
     size = _HEADER.size + len(payload)
     if size > LARGEST:
         raise ValueError(f"{size} bytes: an RTDE packet has at most {LARGEST}")
@@ -153,22 +153,23 @@ def packet(kind: PacketType, payload: bytes = b"") -> bytes:
 
 
 def ask_version(version: int = VERSION) -> bytes:
-    """Asks for a protocol version."""
+    """Encode the request for a protocol version."""
     return packet(PacketType.PROTOCOL_VERSION, _WORD.pack(version))
 
 
 def ask_outputs(frequency_hz: float, names: Sequence[str]) -> bytes:
-    """Asks for data packages with these variables."""
+    """Encode the request for data packages with these variables."""
     return packet(PacketType.OUTPUTS, _FREQUENCY.pack(frequency_hz) + ",".join(names).encode())
 
 
 def ask_inputs(names: Sequence[str]) -> bytes:
-    """Asks to write these variables."""
+    """Encode the request to write these variables."""
     return packet(PacketType.INPUTS, ",".join(names).encode())
 
 
 def text(message: str, source: str, level: TextLevel, version: int = VERSION) -> bytes:
-    """A text message; text and source are cut to 255 bytes, and in version 1 there is no source."""
+    """Encode a text message; text and source are truncated to 255 bytes, and version 1 has no
+    source."""
     said, by = message.encode()[:255], source.encode()[:255]
     if version == 1:
         return packet(PacketType.TEXT, bytes([level]) + said)
@@ -181,32 +182,32 @@ def text(message: str, source: str, level: TextLevel, version: int = VERSION) ->
 
 
 def reply_accepted(kind: PacketType, accepted: bool) -> bytes:
-    """The answer to a version, to start or to pause."""
+    """Encode the answer to a version, to start or to pause."""
     return packet(kind, bytes([accepted]))
 
 
 def reply_version(version: ControllerVersion) -> bytes:
-    """The answer to the question for the controller's version."""
+    """Encode the answer to the request for the controller's version."""
     return packet(PacketType.CONTROLLER_VERSION, _VERSION_REPLY.pack(*version))
 
 
 def reply_setup(reply: SetupReply, version: int = VERSION) -> bytes:
-    """The answer to a setup."""
+    """Encode the answer to a setup."""
     types = ",".join(reply.types).encode()
     numbered = version != 1 or reply.kind is PacketType.INPUTS
     return packet(reply.kind, bytes([reply.recipe]) + types if numbered else types)
 
 
-# -- reading ---------------------------------------------------------------------------------------
+# -- decoding --------------------------------------------------------------------------------------
 
 
 class PacketReader(StreamReader):
-    """Cuts a TCP stream into packets."""
+    """Splitter of a TCP stream into packets."""
 
     @property
     def foreign(self) -> bool:
-        """Whether what comes next is no answer to the version: another protocol's, where nothing
-        of RTDE came before. Text is, by its size, whatever letter stands for the type."""
+        """True if the next bytes are no answer to the version but another protocol's, provided that
+        no RTDE came before. Text counts as that by its size, whatever its type byte."""
         if len(self._pending) < _HEADER.size:
             return False
         size, kind = _HEADER.unpack_from(self._pending)
@@ -214,12 +215,12 @@ class PacketReader(StreamReader):
 
     @property
     def foreign_request(self) -> bool:
-        """The same of a client's first packet; one may ask for a recipe, however long, before the
-        version is agreed on."""
+        """The same for a client's first packet, which may be a recipe request of any length before
+        the version is negotiated."""
         return self.foreign and self._pending[_WORD.size] not in _SETUPS
 
     def take(self) -> tuple[int, bytes] | None:
-        """The next packet's type and payload; None: it has not all come."""
+        """Return the type and payload of the next packet; None if it is incomplete."""
         pending = self._pending
         if self.failure or len(pending) < _HEADER.size:
             return None
@@ -235,7 +236,7 @@ class PacketReader(StreamReader):
 
 
 def speaks_rtde(said: bytes) -> bool | None:
-    """Whether a server's first words, to the question for the version, are RTDE; None: more is
+    """True if a server's first bytes after the version request are RTDE; None if more are
     needed."""
     reader = PacketReader()
     reader.feed(said)
@@ -318,7 +319,7 @@ def _text_1(payload: bytes) -> TextMessage:
 
 
 def _names(payload: bytes) -> tuple[str, ...]:
-    """Some clients end the list with a comma."""
+    """Split a list of names, which some clients end with a comma."""
     listed = payload.decode("utf-8", "replace").removesuffix(",")
     return tuple(word.strip() for word in listed.split(",")) if listed else ()
 
@@ -350,7 +351,7 @@ _CODES: Mapping[str, tuple[str, int]] = {
     "VECTOR6INT32": ("i", 6),
     "VECTOR6UINT32": ("I", 6),
 }
-"""Types of variables: what `struct` calls the numbers, and how many there are."""
+"""Types of variables: struct's letter of the numbers, and their count."""
 
 TYPES: Final = frozenset(_CODES)
 _VALUES_FROM: Final = _HEADER.size + 1
@@ -358,11 +359,11 @@ _VALUES_FROM: Final = _HEADER.size + 1
 
 
 class Recipe:
-    """Variables in their order, and how their values are packed."""
+    """Variables in their order, with the format of their values."""
 
     def __init__(self, number: int | None, names: Sequence[str], types: Sequence[str]) -> None:
-        """`number` None: its data packages have none, as a controller's in version 1. ValueError
-        where a type is missing, or not in `TYPES`."""
+        """Set the types of the variables. `number` None: data packages have no number, as a
+        controller's in version 1. Raises ValueError if a type is missing, or not in `TYPES`."""
         self.number = number
         self.names = tuple(names)
         self.types = tuple(types)
@@ -374,7 +375,7 @@ class Recipe:
         for count in self._counts:
             places.append(at if count == 1 else slice(at, at + count))
             at += count
-        # With one place itemgetter would give the value itself.
+        # With a single index itemgetter would return the value itself.
         self._parted: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
             itemgetter(*places) if len(places) > 1 else lambda flat: tuple(flat[p] for p in places)
         )
@@ -389,26 +390,25 @@ class Recipe:
         return self._struct.size
 
     def unpack(self, values: bytes) -> dict[str, Any] | None:
-        """The values by name, vectors as tuples; None where they have the wrong size."""
+        """Decode the values by name, vectors as tuples; None if they have the wrong size."""
         if len(values) != self._struct.size:
             return None
         return dict(zip(self.names, self.values(values), strict=True))
 
     def values(self, data: bytes) -> tuple[Any, ...]:
-        """The values in their order, vectors as tuples; struct.error where they have another
-        size."""
+        """Decode the values in order, vectors as tuples. Raises struct.error for a wrong size."""
         return self._parted(self._struct.unpack(data))
 
     def alone(self, data: bytes) -> tuple[Any, ...] | None:
-        """Return the values of one whole data package of this recipe, which has a number; None
-        where `data` is anything else."""
+        """Decode the values of one complete data package of this recipe with a number; None if
+        `data` is anything else."""
         if len(data) != self._packet.size or not data.startswith(self.head):
             return None
         return self._parted(self._struct.unpack_from(data, _VALUES_FROM))
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """A data package of the values in the order of `names`. Raises struct.error for a value
-        that its type does not hold."""
+        """Encode a data package of the values in the order of `names`. Raises struct.error for a
+        value that its type cannot hold."""
         flat = values
         if not self._scalar:
             flat = []

@@ -1,7 +1,4 @@
-"""States of a Universal Robots controller, by number and by the dashboard's names.
-
-Source: UR's RTDE guide and dashboard server pages; the words are ours.
-"""
+"""States of a Universal Robots controller, by number and by the dashboard server's names."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import enum
 
 
 class RobotMode(enum.IntEnum):
-    """RTDE `robot_mode`; the dashboard's `robotmode` has the names."""
+    """RTDE `robot_mode`; the dashboard's `robotmode` uses the names."""
 
     NO_CONTROLLER = -1
     DISCONNECTED = 0
@@ -18,15 +15,15 @@ class RobotMode(enum.IntEnum):
     POWER_OFF = 3
     POWER_ON = 4
     IDLE = 5
-    """Power is on, the brakes hold."""
+    """Power is on, the brakes are engaged."""
     BACKDRIVE = 6
     RUNNING = 7
-    """The brakes are released; nothing moves by that."""
+    """The brakes are released; this causes no motion."""
     UPDATING_FIRMWARE = 8
 
 
 class SafetyMode(enum.IntEnum):
-    """RTDE `safety_mode`; the dashboard's `safetystatus` has the names."""
+    """RTDE `safety_mode`; the dashboard's `safetystatus` uses the names."""
 
     NORMAL = 1
     REDUCED = 2
@@ -44,7 +41,7 @@ class SafetyMode(enum.IntEnum):
 
 
 class RuntimeState(enum.IntEnum):
-    """RTDE `runtime_state`: of the program."""
+    """RTDE `runtime_state`, the state of the program."""
 
     STOPPING = 0
     STOPPED = 1

@@ -1,6 +1,6 @@
 """Variables that an RTDE recipe may name, with their types and the first versions that have them.
 
-Source: UR's RTDE guide, and what UR's public client library says of names that the guide had later.
+Source: UR's RTDE guide, and UR's public client library for names that the guide got later.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 REGISTERS: Final = 48
-"""Integer and double registers of each direction; 0 to 23 are for fieldbuses and PLCs, too."""
+"""Count of integer and double registers in each direction; 0 to 23 are shared with fieldbuses and
+PLCs."""
 UPPER_REGISTERS: Final = 24
-"""The first of those that only RTDE clients use."""
+"""First register that is reserved for RTDE clients."""
 BIT_REGISTERS: Final = 128
 UPPER_BIT_REGISTERS: Final = 64
-"""The first of those that have names of their own; the ones before come 32 at a time."""
+"""First bit register with its own name; lower ones come 32 at a time."""
 
 
 class Variable(NamedTuple):
@@ -22,13 +23,13 @@ class Variable(NamedTuple):
 
     type: str
     cb3: tuple[int, int] | None = (3, 2)
-    """First version of a CB3's software, where the guide says it; None: no CB3 has it."""
+    """First version of a CB3's software, if the guide has it; None: no CB3 has the variable."""
     e_series: tuple[int, int] = (5, 0)
     """First version of an e-Series' software, likewise."""
 
     def since(self, major: int) -> tuple[int, int] | None:
-        """The version of that series that has it first: 3 is a CB3, all others have what an
-        e-Series has."""
+        """Return the first version of a series that has it: 3 is a CB3, all others count as
+        e-Series."""
         return self.cb3 if major == 3 else self.e_series
 
 
@@ -67,11 +68,11 @@ _ADDED: Final[Sequence[tuple[str, Variable]]] = (
     ("target_base_acceleration target_base_wrench", Variable("VECTOR6D", None, (5, 26))),
     ("control_step", Variable("UINT64", None, (5, 26))),
 )
-"""Variables that later versions added. Where the guide does not give the version, it is that of the
-first public list that has them."""
+"""Variables that later versions added. If the guide gives no version, it is the first public
+list's."""
 
 LATER: Final = frozenset(name for names, _ in _ADDED for name in names.split())
-"""The names of these."""
+"""Names of these."""
 
 _FIRST: Final[Mapping[str, str]] = {
     "DOUBLE": """timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum
@@ -132,11 +133,12 @@ INPUT_VARIABLES: Final[Mapping[str, Variable]] = {
 """Variables that a client may write, by name."""
 
 OUTPUTS: Final[Mapping[str, str]] = {name: found.type for name, found in OUTPUT_VARIABLES.items()}
-"""The types of what a controller sends; a controller's own version may lack some."""
+"""Types of the variables that a controller sends; a controller's version may lack some."""
 INPUTS: Final[Mapping[str, str]] = {name: found.type for name, found in INPUT_VARIABLES.items()}
-"""The types of what a client may write."""
+"""Types of the variables that a client may write."""
 
 
 def of_series(variables: Mapping[str, Variable], major: int) -> dict[str, str]:
-    """The types of those that the series with that major version has, whatever its version."""
+    """Return the types of the variables of a series by its major version, whatever its minor
+    one."""
     return {name: found.type for name, found in variables.items() if found.since(major) is not None}

@@ -1,4 +1,4 @@
-"""The simulated arm as ``cardan sim arm`` has it."""
+"""``cardan sim arm``: the command of the simulated arm."""
 
 from __future__ import annotations
 

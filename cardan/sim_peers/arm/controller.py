@@ -25,10 +25,10 @@ from cardan.sim_peers.base import TimedActions
 from cardan.sim_peers.link import FaultyLink
 
 CLIENT_SILENT_S = 1.0
-"""Silence of a client after which it is sent no more states, and another may connect."""
+"""Silence of a client after which states are no longer sent to it, and another may connect."""
 
 _CATCH_UP_S = 0.5
-"""Longest unserved time that is made up for; after a longer one the whole process stood still."""
+"""Longest unserved time that is made up for; a longer one is a pause of the whole process."""
 _NOISE_SAMPLES = 509
 _TOLERANCE = 1e-9
 _MODES = {
@@ -46,17 +46,17 @@ class Counters(NamedTuple):
     taken: int
     """Commands that acted."""
     ignored: Mapping[str, int]
-    """By reason."""
+    """Ignored commands by reason."""
     timeouts: int
-    """How often commands stopped coming while the arm was not holding."""
+    """Number of times that commands stopped while the arm was not holding."""
 
 
 class SimulatedArm:
     """A joint-controlled arm as seen over the joint stream.
 
-    Call `cycle` once per period with increasing times and send the datagrams that it returns; give
-    those of the other side to `receive`. The same calls with the same options give the same
-    datagrams. A command acts from the plant's step nearest to its reception.
+    Call `cycle` once per period with increasing times and send the datagrams that it returns; pass
+    received datagrams to `receive`. The same calls with the same options give the same datagrams. A
+    command acts from the plant's step nearest to its reception.
     """
 
     def __init__(self, options: SimulatedArmOptions | None = None, session: int = 1) -> None:
@@ -82,9 +82,9 @@ class SimulatedArm:
             self._out = FaultyLink(faults, options.seed + 2, True)
             self._in = FaultyLink(faults, options.seed + 3)
         self.session = session
-        """Counts up when the controller restarts."""
+        """Incremented when the controller restarts."""
         self.client: Hashable = None
-        """The address that states are sent to; None: there is no client."""
+        """Address that states are sent to; None: no client."""
         self._has_client = False
         self._heard_s = -math.inf
         self._sequence = 0
@@ -98,7 +98,7 @@ class SimulatedArm:
         self._refused = ""
         self._sent = self._taken = self._timeouts = 0
         self._bridged = (0, False)
-        """How many commands had been taken a cycle ago, and whether one was missing by then."""
+        """Number of accepted commands one cycle ago, and whether one was missing by then."""
         self._ignored: Counter[str] = Counter()
         jam = ((JAM_AT_S, self._jam_joint),) if "jam" in faults else ()
         actions = {"estop": self.emergency_stop, "restart": self.restart}
@@ -114,10 +114,10 @@ class SimulatedArm:
     # -- datagrams in and out -------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float, source: Hashable = "in-process") -> None:
-        """A datagram arrives from `source` at `now_s`.
+        """Handle a datagram that arrives from `source` at `now_s`.
 
-        The first that is a command makes `source` the client; others are ignored until the
-        client has been silent for CLIENT_SILENT_S.
+        The first command makes `source` the client; other sources are ignored until the client has
+        been silent for CLIENT_SILENT_S.
         """
         self._advance(now_s)
         if self._off_until_s is not None:
@@ -140,7 +140,8 @@ class SimulatedArm:
             self._in.push(now_s, data)
 
     def cycle(self, now_s: float) -> Sequence[bytes]:
-        """Run a control cycle at `now_s`: move, watch, measure. Returns messages for `client`."""
+        """Run a control cycle at `now_s`: move, supervise, measure. Return messages for
+        `client`."""
         self._advance(now_s)
         if self._in is not None:
             for data in self._in.pop(now_s):
@@ -168,7 +169,7 @@ class SimulatedArm:
 
     @property
     def hold_reason(self) -> str:
-        """Why commands do not act, or why the last one was refused; empty when they act."""
+        """Reason why commands do not act, or why the last one was refused; empty when they act."""
         return self._stopped or self._refused
 
     @property
@@ -223,7 +224,7 @@ class SimulatedArm:
         return self.plant.time_s + self._behind_s
 
     def _advance(self, now_s: float) -> None:
-        """Bring the plant to `now_s`, timed faults on the way."""
+        """Advance the plant to `now_s`, with timed faults on the way."""
         if self._start_s is None:
             self._start_s = now_s
         until_s = now_s - self._start_s
@@ -245,10 +246,10 @@ class SimulatedArm:
         self.plant.jammed = int(self.options.faults["jam"]) - 1
 
     def _extrapolate(self) -> None:
-        """Go on at the commanded speeds where a command is missing."""
+        """Continue at the commanded speeds where a command is missing."""
         period_s = self.options.period_s
         if self._taken == self._bridged[0]:
-            # Only now is it known that none came in the period before.
+            # Only now is it certain that no command came in the period before.
             missing = 1 if self._bridged[1] else 2
             self.plant.go_on(missing * period_s)
         self._bridged = (self._taken, self._taken == self._bridged[0])
@@ -278,7 +279,7 @@ class SimulatedArm:
             self._ignored[command.reason] += 1
             return
         if command.mode is ControlMode.HOLD and command.session == 0:
-            # A greeting: its sender counts from here.
+            # First contact: the sender counts from here.
             self._newest = None
         elif command.session != self.session:
             self._ignored["another session"] += 1
@@ -311,7 +312,7 @@ class SimulatedArm:
             self.plant.hold()
 
     def _refusal(self, command: ArmCommand) -> str:
-        """Why the controller does not take `command`; empty when it does."""
+        """Return why the controller refuses `command`; empty if it accepts it."""
         if command.mode is ControlMode.HOLD:
             return ""
         joints = self.plant.joints

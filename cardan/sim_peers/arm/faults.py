@@ -1,4 +1,4 @@
-"""Faults the simulated arm, its controller and the network can be told to have."""
+"""Faults of the simulated arm, its controller and the network."""
 
 from __future__ import annotations
 

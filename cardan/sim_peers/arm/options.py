@@ -1,4 +1,4 @@
-"""Settings of the simulated arm: the plant's, and those of the controller around it."""
+"""Settings of the simulated arm's plant and of the controller around it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ STANDARD_GRAVITY_M_S2 = Vector3(0.0, 0.0, -9.81)
 
 
 class TouchPlane(NamedTuple):
-    """A half space to touch: solid below `point`, seen along the outward `normal`."""
+    """Half space for contact: solid below `point`, with the outward `normal`."""
 
     point: Vector3
     """m, base frame."""
@@ -46,13 +46,13 @@ class TouchPlane(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> TouchPlane:
-        """``X,Y,Z,NX,NY,NZ``; ValueError."""
+        """Parse ``X,Y,Z,NX,NY,NZ``; raise ValueError."""
         x, y, z, *normal = numbers(text, 6)
         return cls(Vector3(x, y, z), Vector3(*normal))
 
 
 class Ball(NamedTuple):
-    """A solid sphere to touch."""
+    """Solid sphere for contact."""
 
     center: Vector3
     """m, base frame."""
@@ -60,7 +60,7 @@ class Ball(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> Ball:
-        """``X,Y,Z,R``; ValueError."""
+        """Parse ``X,Y,Z,R``; raise ValueError."""
         x, y, z, radius_m = numbers(text, 4)
         return cls(Vector3(x, y, z), radius_m)
 
@@ -70,11 +70,11 @@ class PlantOptions(Options):
     """The arm and its contacts.
 
     Gains and friction are per unit of each joint's own inertia (diagonal of the mass matrix where
-    it is largest, rotor included), so that one number suits a shoulder and a wrist.
+    it is largest, rotor included), thus one number suits a shoulder and a wrist.
     """
 
     drive: Literal["dynamic", "ideal"] = option("dynamic", "ideal: exactly where commanded.")
-    """The joints of an ideal one have no dynamics at all."""
+    """"ideal": joints without dynamics."""
     step_s: Annotated[float, STEP_S] = 0.0005
     """Integration step."""
     position_bandwidth_rad_s: Annotated[float, BANDWIDTH_RAD_S] = 60.0
@@ -95,7 +95,7 @@ class PlantOptions(Options):
     """Rotor inertia of each drive, seen from the joint: kg·m² (kg for a prismatic joint). Keeps the
     mass matrix well-conditioned however light the last links are."""
     payload_kg: _Size = option(0.0, "A mass at the TCP.")
-    """A point."""
+    """Point mass."""
     gravity_m_s2: Vector3 = STANDARD_GRAVITY_M_S2
     """In the base frame."""
     start: tuple[float, ...] | None = None
@@ -117,15 +117,15 @@ class PlantOptions(Options):
         repeatable=True,
     )
     contact_radius_m: Annotated[float, CONTACT_RADIUS_M] = 0.02
-    """Radius of the sphere about the TCP that touches."""
+    """Radius of the contact sphere about the TCP."""
     contact_stiffness_n_m: Annotated[float, CONTACT_STIFFNESS_N_M] = 1e4
     contact_damping_n_s_m: _Size = 100.0
     contact_friction_n_s_m: _Size = 100.0
     """Viscous, along the surface."""
     contact_friction_coefficient: _Size = 0.5
-    """The tangential force is at most this times the normal one."""
+    """Largest tangential force as a share of the normal force."""
     body_contact: bool = False
-    """The arm's capsules touch too, as rows of spheres; costs time."""
+    """The arm's capsules make contact too, as rows of spheres; costs time."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -141,10 +141,10 @@ class PlantOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedArmOptions(Options):
-    """The controller around the plant, and where it listens."""
+    """Settings of the controller around the plant, and its address."""
 
     robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
-    """As :func:`cardan.robots.load_arm` takes it."""
+    """Argument of :func:`cardan.robots.load_arm`."""
     plant: PlantOptions = field(default_factory=PlantOptions)
     host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where it takes commands")
     port: Annotated[int, bounds.ANY_PORT] = 6520
@@ -155,7 +155,7 @@ class SimulatedArmOptions(Options):
     following_error_rad: Annotated[float, BEYOND_NONE] = 0.2
     """Distance of a joint from its reference that is a fault and stops the arm (prismatic: m)."""
     acknowledge_after_s: Annotated[float, EVER_S] = 2.0
-    """An operator clears a fault or an emergency stop after this time; inf: never."""
+    """Time after which an operator clears a fault or an emergency stop; inf: never."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by name, from `cardan.sim_peers.base.parse_faults`."""
     seed: int = 0

@@ -22,16 +22,16 @@ from cardan.types import Pose, Quaternion, Vector3, Wrench
 Array = npt.NDArray[np.float64]
 
 DEFAULT_MASSES_KG = (4.0, 4.0, 3.0, 2.0, 1.0, 0.5)
-"""Masses of an arm whose file gives none, from the base; bodies after the sixth as the sixth."""
+"""Masses of an arm whose file gives none, from the base; later bodies have the sixth's."""
 DEFAULT_GYRATION_M = 0.05
-"""Radius of gyration of such a body, on top of that of a rod of its length."""
+"""Radius of gyration of such a body, in addition to that of a rod of its length."""
 PAYLOAD_GYRATION_M = 0.02
 
 _LOCK = 1e9
-"""Rotor inertia that keeps a joint still: one at its stop, or jammed."""
+"""Rotor inertia that locks a joint at its stop, or jammed."""
 _CONFIGURATIONS = 64
 _PASSES = 4
-"""Most times a step is solved again because a drive saturates or a joint leaves its stop."""
+"""Largest number of repetitions of a step because a drive saturates or a joint leaves its stop."""
 
 
 class DriveMode(enum.Enum):
@@ -47,8 +47,8 @@ class DriveMode(enum.Enum):
 class ArmPlant:
     """A serial arm with its drives. All vectors are in kinematic order, rad and N·m.
 
-    The same calls give the same motion. Modes change without a step of torque: the reference of
-    the servo is placed where it asks for the torque the drives exert at that moment.
+    The same calls give the same motion. Modes change without a step of torque: the servo's
+    reference is placed where it demands the present torque of the drives.
     """
 
     def __init__(self, arm: ArmModel, options: PlantOptions | None = None) -> None:
@@ -58,7 +58,7 @@ class ArmPlant:
         self.step_s = options.step_s
         self.ideal = options.drive == "ideal"
         self.model = build_model(arm, options)
-        """For callers (inverse dynamics in a test); the plant integrates a copy."""
+        """For users (inverse dynamics in a test); the plant integrates a copy."""
         self._solver = pin.Model(self.model)
         self._data = self._solver.createData()
         self._armature: Array = self._solver.armature
@@ -100,20 +100,20 @@ class ArmPlant:
         self._reference = self._q.copy()
         """Reference of the servo for the joints, before `offset`."""
         self._speed = np.zeros(n)
-        """How fast it wants them to move."""
+        """Commanded joint speeds."""
         self._target = self._q.copy()
         self._wanted_speed = np.zeros(n)
         self._torque = np.zeros(n)
         """Joint torques of torque mode."""
         self._integral = np.zeros(n)
         self.offset = np.zeros(n)
-        """A fault: the joints rest at the reference plus this."""
+        """Fault: offset of the joints from the reference at rest."""
         self.slow = 1.0
-        """A fault: the drives reach this share of the joints' speeds."""
+        """Fault: share of the joints' speeds that the drives reach."""
         self.jammed: int | None = None
-        """A fault: this joint (0: the first) does not move."""
+        """Fault: joint that does not move (0: the first)."""
         self._stops: dict[int, float] = {}
-        """Joints at their stops: the sign of the direction they cannot go."""
+        """Joints at their stops, with the sign of the blocked direction."""
         self._drive = np.zeros(n)
         self._planes = np.zeros((0, 4))
         if options.planes:
@@ -127,7 +127,7 @@ class ArmPlant:
         self._contact = np.zeros(n)
         self._push = np.zeros(6)
         self._steps = 0
-        # Kept so that a step allocates only what Pinocchio returns.
+        # Kept in order that a step allocates only what Pinocchio returns.
         self._mid, self._mid_v = np.zeros(n), np.zeros(n)
         self._friction, self._work = np.zeros(n), np.zeros(n)
         self._no_inertia = np.zeros(n)
@@ -135,7 +135,7 @@ class ArmPlant:
             self._settle()
 
     def _largest_inertia(self) -> Array:
-        """Diagonal of the mass matrix, the largest over configurations all over the range."""
+        """Return the diagonal of the mass matrix, the largest over all configurations sampled."""
         lower = np.where(np.isfinite(self._lower), self._lower, -math.pi)
         upper = np.where(np.isfinite(self._upper), self._upper, math.pi)
         data = self.model.createData()
@@ -155,9 +155,9 @@ class ArmPlant:
     def command_positions(
         self, positions: Sequence[float], speeds: Sequence[float] | None = None
     ) -> None:
-        """Be at `positions`, moving at `speeds` (none: 0).
+        """Command `positions` with `speeds` (default: 0).
 
-        The reference goes there at no more than the joints' speed limits.
+        The reference moves there at no more than the joints' speed limits.
         """
         if self.mode is not DriveMode.POSITION:
             self._take_over()
@@ -169,7 +169,7 @@ class ArmPlant:
             np.clip(speeds, -self._speed_limit, self._speed_limit, out=self._speed)
 
     def go_on(self, dt_s: float) -> None:
-        """Positions that are commanded move on at their speeds for `dt_s`."""
+        """Extrapolate commanded positions at their speeds for `dt_s`."""
         if self.mode is DriveMode.POSITION:
             self._target += self._speed * dt_s
             np.clip(self._target, self._lower, self._upper, out=self._target)
@@ -206,7 +206,7 @@ class ArmPlant:
         self._target[:] = self._reference
 
     def _load(self, model: pin.Model) -> Array:
-        """Torques that hold the arm in its pose: its weight less the part that springs carry."""
+        """Return the torques that hold the arm in its pose: its weight less the springs' share."""
         load: Array = pin.computeGeneralizedGravity(model, self._data, self._q)
         return load if self._springs is None else load - self._springs.torques(self._q)
 
@@ -363,7 +363,7 @@ class ArmPlant:
             self._integral += work * self.stiffness * (h * self.options.integral_1_s)
 
     def _follow(self) -> None:
-        """Ideal drives."""
+        """Move ideal drives."""
         wanted = np.clip(self._reference + self.offset, self._lower, self._upper)
         self._v[:] = self._speed
         if self.jammed is not None:
@@ -374,7 +374,7 @@ class ArmPlant:
             self._touch(self._q, self._v)
 
     def _friction_damping(self) -> None:
-        """Friction as a damping: torque / speed, which is finite where the speed is 0."""
+        """Express friction as a damping: torque / speed, which is finite at zero speed."""
         friction = self._friction
         if not self._has_coulomb:
             np.copyto(friction, self._viscous)
@@ -398,7 +398,7 @@ class ArmPlant:
     # -- contact --------------------------------------------------------------------------------
 
     def _make_probes(self) -> list[tuple[int, Array, float]]:
-        """Spheres that can touch: body, center in that body, radius. The TCP comes first."""
+        """Return the spheres for contact: body, center in that body, radius. The TCP's is first."""
         tcp = np.array(self.arm.tcp.position)
         probes = [(self.joints, tcp, self.options.contact_radius_m)]
         if not self.options.body_contact:
@@ -415,7 +415,7 @@ class ArmPlant:
         return probes
 
     def _touch(self, q: Array, v: Array) -> None:
-        """Contact forces at `q`: as joint torques in `_contact`, at the TCP in `_push`."""
+        """Compute contact forces at `q`: as joint torques in `_contact`, at the TCP in `_push`."""
         solver, data = self._solver, self._data
         pin.forwardKinematics(solver, data, q)
         self._contact[:] = 0.0
@@ -441,7 +441,7 @@ class ArmPlant:
                 pin.computeJointJacobians(solver, data, q)
                 jacobians = True
             jacobian = pin.getJointJacobian(solver, data, body, pin.LOCAL_WORLD_ALIGNED)
-            jacobian = jacobian.reshape(6, self.joints)  # one column comes as a vector
+            jacobian = jacobian.reshape(6, self.joints)  # Pinocchio returns one column as a vector.
             twist = jacobian @ v
             lever = at - placement.translation
             for normal, depth in found:
@@ -472,12 +472,12 @@ class ArmPlant:
 
     @property
     def positions(self) -> tuple[float, ...]:
-        """rad or m."""
+        """Joint positions, rad or m."""
         return tuple(self._q.tolist())
 
     @property
     def velocities(self) -> tuple[float, ...]:
-        """rad/s or m/s."""
+        """Joint velocities, rad/s or m/s."""
         return tuple(self._v.tolist())
 
     @property
@@ -487,7 +487,7 @@ class ArmPlant:
 
     @property
     def following_error(self) -> float:
-        """The largest distance of a joint from the servo's reference, rad or m."""
+        """Largest distance of a joint from the servo's reference, rad or m."""
         if self.ideal or self.mode is DriveMode.TORQUE:
             return 0.0
         np.add(self._reference, self.offset, out=self._work)
@@ -497,11 +497,11 @@ class ArmPlant:
 
     @property
     def worst_joint(self) -> int:
-        """The joint that `following_error` is about, from 0."""
+        """Index from 0 of the joint with the largest `following_error`."""
         return int(np.argmax(np.abs(self._reference + self.offset - self._q)))
 
     def give_in(self) -> None:
-        """Stop where the arm is: forget the reference, keep no more than gravity needs."""
+        """Stop in place: discard the reference, and keep no more torque than gravity needs."""
         load = np.clip(self._load(self._solver), -self._effort, self._effort)
         self._integral[:] = 0.0
         self._speed[:] = self._v
@@ -549,8 +549,8 @@ class ArmPlant:
 def build_model(arm: ArmModel, options: PlantOptions) -> pin.Model:
     """The rigid bodies of `arm` for Pinocchio; joint positions are plain angles and lengths.
 
-    An arm without any mass gets DEFAULT_MASSES_KG, each half-way to the next joint. A massless
-    body in an arm that has masses stays so: it is the cross of two joints in one place.
+    An arm without any mass gets DEFAULT_MASSES_KG, each half-way to the next joint. A massless body
+    in an arm with masses stays massless: it joins two joints at one point.
     """
     unknown = not any(inertia.mass_kg for inertia in arm.inertias)
     model = pin.Model()
@@ -585,7 +585,7 @@ def build_model(arm: ArmModel, options: PlantOptions) -> pin.Model:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product as numpy's, at a tenth of its time."""
+    """Return the cross product, in a tenth of numpy's time."""
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))

@@ -14,9 +14,9 @@ log = logging.getLogger(__name__)
 
 
 class SimulatedArmPeer(ListeningPeer):
-    """Serves a `SimulatedArm`: it listens, and sends states to the client that commands it.
+    """Serves a `SimulatedArm` on a port, and sends states to the client that commands it.
 
-    Sessions count from the wall clock, so that they go up over restarts of this program.
+    Session numbers start from the wall clock and thus increase over restarts of this program.
     """
 
     def __init__(self, options: SimulatedArmOptions | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Backends that carry the reports of simulated devices: each is one way to reach a device.
+"""Transports for the reports of simulated devices.
 
 A backend is a part of a :class:`~cardan.sim_peers.device_peer.DevicePeer`; `base` has the contract.
 """

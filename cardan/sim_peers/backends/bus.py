@@ -1,4 +1,4 @@
-"""A simulated device that is a node of ROS 2's network: programs are those that subscribe."""
+"""Simulated device as a node of ROS 2's network: its programs are the subscribers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cardan.sim_peers.device_peer import DevicePeerOptions
 FEEDBACK = "sensor_msgs/msg/JoyFeedback"
 
 LOOK_PERIOD_S = 0.05
-"""Period of looking for a program that subscribes."""
+"""Period of checks for a subscriber."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,14 +28,14 @@ class BusPeerOptions(DevicePeerOptions):
 
     host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where other nodes connect to")
     port: Annotated[int, bounds.ANY_PORT] = 7447
-    """TCP; by default in place of a router."""
+    """TCP port; used by default instead of a router."""
     router: str = option(
         "", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
     )
 
     @property
     def bus(self) -> BusOptions:
-        """How it is on the bus."""
+        """Options to join the bus."""
         return BusOptions(router=self.router, listen=(f"tcp/{self.host}:{self.port}",))
 
     @property
@@ -73,7 +73,7 @@ class BusBackend(DeviceBackend[bytes]):
 
     @property
     def there(self) -> bool:
-        """Whether the node is on the bus."""
+        """True if the node is on the bus."""
         return self._node is not None
 
     def appear(self) -> None:
@@ -101,11 +101,11 @@ class BusBackend(DeviceBackend[bytes]):
 
     @property
     def due_s(self) -> float:
-        """When it looks for programs next."""
+        """Time of the next check for programs."""
         return self._look_s
 
     def attend(self, now_s: float) -> None:
-        """Look for programs, and take their messages to the device."""
+        """Look for programs, and pass their messages to the device."""
         if now_s < self._look_s:
             return
         self._look_s = now_s + LOOK_PERIOD_S

@@ -1,4 +1,4 @@
-"""A serial port for a simulated device: a pseudo-terminal and a link to it."""
+"""Serial port of a simulated device: a pseudo-terminal and a link to it."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class SerialDevice(Protocol):
         """Switch the power: the host has opened the port, or closed it."""
 
     def receive(self, data: bytes) -> None:
-        """Take bytes of the host's."""
+        """Receive bytes from the host."""
 
 
 class PseudoTerminal(DeviceBackend[bytes]):
     """A serial port at the path `link`: a program that opens it powers the device.
 
     Unplugging hangs the port up and removes the link; replugging brings both back. A locked file
-    beside the link, its name with ".lock", tells a link in use from one that a killed peer left.
-    `device` gets power and the data that programs write; None: it has power of its own, and takes
-    none. `mode` names the users who may open the port.
+    beside the link, named with ".lock", distinguishes a link in use from that of a killed peer.
+    `device` gets power and the data that programs write; None: a self-powered device without input.
+    `mode` names the users who may open the port.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
 
     @property
     def there(self) -> bool:
-        """Whether there is a port."""
+        """True if the port exists."""
         return self._master is not None
 
     def open(self, shell: Shell) -> None:
@@ -83,7 +83,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
         port = os.ttyname(slave)
         # A line discipline would echo the device's reports back to it.
         tty.setraw(slave)
-        os.fchmod(slave, self._mode)  # The system's own lets its group write.
+        os.fchmod(slave, self._mode)  # The default mode allows its group to write.
         os.close(slave)
         os.set_blocking(master, False)
         try:
@@ -101,7 +101,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
         self._watch_s = 0.0
 
     def vanish(self) -> None:
-        """Hang the port up and remove its link, if it is still ours."""
+        """Hang up the port and remove its link, if this peer still owns it."""
         if self._master is None:
             return
         self._leave()
@@ -112,7 +112,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
         self._master = None
 
     def close(self) -> None:
-        """Hang up for good and give the link's path back."""
+        """Hang up permanently and release the link's path."""
         self.vanish()
         if self._lock is not None:
             with contextlib.suppress(OSError):
@@ -132,11 +132,11 @@ class PseudoTerminal(DeviceBackend[bytes]):
 
     @property
     def due_s(self) -> float:
-        """When to look next whether a host has opened the port, monotonic s."""
+        """Monotonic time of the next check for a host, s."""
         return math.inf if self._host or self._master is None else self._watch_s
 
     def attend(self, now_s: float) -> None:
-        """Look whether a host has opened the port."""
+        """Check whether a host has opened the port."""
         if self._master is not None and not self._host and now_s >= self._watch_s:
             self._watch_s = now_s + WATCH_PERIOD_S
             watch = select.poll()
@@ -161,7 +161,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
             return
         assert self._master is not None
         self._host = False
-        with contextlib.suppress(KeyError):  # it goes while it was being met
+        with contextlib.suppress(KeyError):  # The port closed while the device was powered.
             self.shell.selector.unregister(self._master)
         if self._device is not None:
             self._device.power(False)
@@ -193,7 +193,7 @@ def _lock_path(link: str) -> str:
 
 
 def _take_lock(link: str) -> int:
-    """Lock the file beside `link`, which tells where the link leads. Raises AddressError."""
+    """Lock the file beside `link`, which records the link's target. Raises AddressError."""
     path = _lock_path(link)
     while True:
         try:
@@ -216,7 +216,7 @@ def _take_lock(link: str) -> int:
             raise AddressError(f"{path!r} exists and is no lock of a link; give another path")
         if os.fstat(lock).st_nlink:
             return lock
-        os.close(lock)  # its owner has just removed it
+        os.close(lock)  # The owner has just removed it.
 
 
 def _port_in(lock: int) -> str:
@@ -224,12 +224,12 @@ def _port_in(lock: int) -> str:
 
 
 def _remove_stale(link: str, lock: int) -> None:
-    """Remove a link that a peer left which is no more. Raises AddressError for anything else."""
+    """Remove a link that an ended peer left. Raises AddressError for anything else."""
     if not os.path.lexists(link):
         return
     if not os.path.islink(link):
         raise AddressError(f"{link!r} exists and is not a link; give another path")
-    # It may lead to another program's terminal by now.
+    # It may point to another program's terminal by now.
     if os.path.exists(link) and os.readlink(link) != _port_in(lock):
         raise AddressError(
             f"{link!r} leads to {os.readlink(link)}, and no simulated device made it; give "

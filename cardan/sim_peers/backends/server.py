@@ -18,7 +18,7 @@ _SMALLEST_BUFFER = 1
 
 
 class DeviceClient(ABC):
-    """A program that has the device open, and the reports that it has not read yet."""
+    """Program that has the device open, with its unread reports."""
 
     def __init__(self, sock: socket.socket) -> None:
         sock.setblocking(False)
@@ -27,11 +27,11 @@ class DeviceClient(ABC):
     @property
     @abstractmethod
     def waiting(self) -> bool:
-        """Whether something waits until the program reads."""
+        """True if data wait until the program reads."""
 
     @abstractmethod
     def _pass_on(self) -> None:
-        """Send until nothing waits. Raises OSError: no more room, or gone."""
+        """Send until nothing waits. Raises OSError: the buffer is full, or the client has left."""
 
     def flush(self) -> None:
         """Send as much as the program has room for. Raises OSError if it is gone."""
@@ -53,7 +53,7 @@ class PacketClient(DeviceClient):
 
     @property
     def waiting(self) -> bool:
-        """Whether packets wait until the program reads."""
+        """True if packets wait until the program reads."""
         return bool(self._queue)
 
     def _pass_on(self) -> None:
@@ -63,7 +63,7 @@ class PacketClient(DeviceClient):
 
 
 class StreamClient(DeviceClient):
-    """A TCP client that gets bytes: put them into `unsent`."""
+    """TCP client that gets bytes, which are appended to `unsent`."""
 
     def __init__(self, sock: socket.socket) -> None:
         super().__init__(sock)
@@ -73,7 +73,7 @@ class StreamClient(DeviceClient):
 
     @property
     def waiting(self) -> bool:
-        """Whether bytes wait until the program reads."""
+        """True if bytes wait until the program reads."""
         return bool(self.unsent)
 
     def _pass_on(self) -> None:
@@ -87,9 +87,8 @@ C = TypeVar("C", bound=DeviceClient)
 class DeviceServer(Generic[C]):
     """Programs that connect to a listening socket, at most `most`, in `clients`.
 
-    `meet` makes a client of a new connection, `take` gets a client's data, and `part` is called
-    for a client that is gone; all are called from the handlers that are the data of each file in
-    `selector`.
+    `meet` makes a client for a new connection, `take` gets a client's data, and `part` is called
+    for a client that has left. The handlers in `selector` call them.
     """
 
     def __init__(
@@ -109,7 +108,7 @@ class DeviceServer(Generic[C]):
 
     @property
     def listening(self) -> bool:
-        """Whether programs can connect."""
+        """True if programs can connect."""
         return self._listener is not None
 
     def listen_on(self, listener: socket.socket) -> None:
@@ -120,14 +119,14 @@ class DeviceServer(Generic[C]):
         self._selector.register(listener, selectors.EVENT_READ, self._accept)
 
     def stop_listening(self) -> None:
-        """Close the listening socket; clients stay."""
+        """Close the listening socket; clients remain connected."""
         listener, self._listener = self._listener, None
         if listener is not None:
             self._selector.unregister(listener)
             listener.close()
 
     def flush(self, client: C) -> None:
-        """Send the data that waits for `client`; go on when it has room again."""
+        """Send the data that waits for `client`; continue when it has room again."""
         if client not in self.clients:
             return
         try:
@@ -149,13 +148,13 @@ class DeviceServer(Generic[C]):
             self._part(client)
 
     def close(self) -> None:
-        """Close every connection and stop to listen."""
+        """Close all connections and the listening socket."""
         for client in tuple(self.clients):
             self.drop(client)
         self.stop_listening()
 
     def _unwanted(self, sock: socket.socket) -> bool:
-        """Whether a new connection is not to be served."""
+        """Return True if a new connection must not be served."""
         return len(self.clients) == self._most
 
     def _accept(self) -> None:
@@ -163,7 +162,7 @@ class DeviceServer(Generic[C]):
             return
         try:
             sock, _ = self._listener.accept()
-        except OSError:  # gone before it was taken, or no more file descriptors
+        except OSError:  # The client left before it was accepted, or no file descriptor is free.
             return
         if self._unwanted(sock):
             sock.close()
@@ -173,7 +172,7 @@ class DeviceServer(Generic[C]):
         self._selector.register(sock, selectors.EVENT_READ, lambda: self._serve(client))
 
     def _serve(self, client: C) -> None:
-        """The client wrote, has room again, or is gone."""
+        """Handle a client that wrote, has room again, or has left."""
         if client not in self.clients:
             return
         try:
@@ -193,8 +192,8 @@ class DeviceServer(Generic[C]):
 def bound_to(
     host: str, port: int, action: str, advice: str = "", family: int = socket.AF_UNSPEC
 ) -> socket.socket:
-    """A TCP socket bound to `host` and `port` (0: any). AddressError says that it cannot do
-    `action` there, why, and gives `advice`."""
+    """Return a TCP socket bound to `host` and `port` (0: any). Raises AddressError: `action` cannot
+    be done there, the reason, and `advice`."""
 
     def bind(sock: socket.socket, address: Any) -> None:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

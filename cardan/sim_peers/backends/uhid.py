@@ -1,4 +1,4 @@
-"""HID devices that the Linux kernel takes for real ones, through /dev/uhid.
+"""Virtual HID devices of the Linux kernel, through /dev/uhid.
 
 A program that writes to /dev/uhid is the hardware: the kernel binds its HID drivers to it and
 makes hidraw and evdev nodes. The device is gone when its file is closed. The codec below does no
@@ -107,7 +107,7 @@ class SetReport(NamedTuple):
 
 
 class MalformedEvent(NamedTuple):
-    """Bytes that are no event of the kernel's."""
+    """Bytes that are not an event of the kernel."""
 
     reason: str
 
@@ -116,7 +116,7 @@ Event = Start | Stop | Open | Close | Output | GetReport | SetReport | Malformed
 
 
 def encode_create(identity: HidIdentity) -> bytes:
-    """UHID_CREATE2. Raises ValueError for a value that does not fit."""
+    """Encode UHID_CREATE2. Raises ValueError for a value that does not fit."""
     texts = []
     for field, room in (("name", 128), ("physical_path", 64), ("serial", 64)):
         text = getattr(identity, field).encode()
@@ -135,26 +135,26 @@ def encode_create(identity: HidIdentity) -> bytes:
 
 
 def encode_destroy() -> bytes:
-    """UHID_DESTROY: unplug."""
+    """Encode UHID_DESTROY: unplug."""
     return _TYPE.pack(_DESTROY)
 
 
 def encode_input(report: bytes) -> bytes:
-    """UHID_INPUT2: an input report, its id first if it has one. ValueError if it is too long."""
+    """Encode UHID_INPUT2: an input report, its id first if any. Raises ValueError if too long."""
     if len(report) > DATA_MAX:
         raise ValueError(f"a report of {len(report)} bytes; allowed: at most {DATA_MAX}")
     return _INPUT.pack(_INPUT2, len(report)) + report
 
 
 def encode_get_report_reply(request_id: int, error: int, report: bytes = b"") -> bytes:
-    """UHID_GET_REPORT_REPLY; `error` is an errno, 0 for none."""
+    """Encode UHID_GET_REPORT_REPLY; `error` is an errno, 0 for none."""
     if len(report) > DATA_MAX:
         raise ValueError(f"a report of {len(report)} bytes; allowed: at most {DATA_MAX}")
     return _GET_REPLY.pack(_GET_REPORT_REPLY, request_id, error, len(report)) + report
 
 
 def encode_set_report_reply(request_id: int, error: int) -> bytes:
-    """UHID_SET_REPORT_REPLY; `error` is an errno, 0 for none."""
+    """Encode UHID_SET_REPORT_REPLY; `error` is an errno, 0 for none."""
     return _SET_REPLY.pack(_SET_REPORT_REPLY, request_id, error)
 
 
@@ -196,7 +196,7 @@ def _decode(kind: int, body: bytes) -> Event:
 
 
 class UhidDevice:
-    """A HID device of this program's making. Wait for `fileno()` to become readable."""
+    """HID device of this program. Wait for `fileno()` to become readable."""
 
     def __init__(self, path: str = UHID_PATH) -> None:
         self._path = path
@@ -204,7 +204,7 @@ class UhidDevice:
         self._plugged = False
 
     def open(self) -> None:
-        """Open the file, without any device yet. Raises DeviceAccessError."""
+        """Open the file, without a device. Raises DeviceAccessError."""
         if self._fd >= 0:
             return
         try:
@@ -246,14 +246,14 @@ class UhidDevice:
             self._write(encode_input(report))
 
     def reply_to(self, request: GetReport | SetReport, error: int, report: bytes = b"") -> None:
-        """Answer a waiting program; `error` is an errno, 0 for none."""
+        """Reply to a waiting program; `error` is an errno, 0 for none."""
         if isinstance(request, GetReport):
             self._write(encode_get_report_reply(request.request_id, error, report))
         else:
             self._write(encode_set_report_reply(request.request_id, error))
 
     def read(self) -> Event | None:
-        """The oldest waiting event; None when there is none."""
+        """Return the oldest waiting event; None if there is none."""
         try:
             return decode_event(os.read(self._fd, EVENT_BYTES))
         except BlockingIOError:
@@ -272,7 +272,7 @@ class UhidDevice:
 
 
 class UhidBackend(DeviceBackend[bytes]):
-    """A simulated device of the kernel's; unplugging makes its nodes vanish.
+    """Virtual device of the kernel; unplugging removes its nodes.
 
     `take` gets each output report and the device's time, s.
     """
@@ -292,7 +292,7 @@ class UhidBackend(DeviceBackend[bytes]):
 
     @property
     def there(self) -> bool:
-        """Whether the kernel has the device."""
+        """True if the kernel has the device."""
         return self._plugged
 
     def open(self, shell: Shell) -> None:
@@ -314,7 +314,7 @@ class UhidBackend(DeviceBackend[bytes]):
                 self.device.unplug()
 
     def send(self, messages: Sequence[bytes]) -> None:
-        """Give the kernel input reports."""
+        """Send input reports to the kernel."""
         for report in messages:
             if self._plugged:
                 self.device.send(report)
@@ -326,7 +326,7 @@ class UhidBackend(DeviceBackend[bytes]):
         self._plugged = False
 
     def _serve(self) -> None:
-        """Take the kernel's events for the device."""
+        """Handle the kernel's events for the device."""
         while (event := self.device.read()) is not None:
             if isinstance(event, Open):
                 self.shell.begin()
@@ -339,6 +339,6 @@ class UhidBackend(DeviceBackend[bytes]):
                 self.device.reply_to(event, errno.EIO)
 
     def _set_report(self, report: bytes) -> bool:
-        """Take an output report that a program waits for; False: refused."""
+        """Handle an output report that a program waits for; return False if it is refused."""
         self._take(report, self.shell.device_s())
         return True

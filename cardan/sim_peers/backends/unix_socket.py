@@ -1,4 +1,4 @@
-"""Unix sockets that stand for a device: one packet (SOCK_SEQPACKET) is one read or write."""
+"""Unix sockets in place of a device node: one packet (SOCK_SEQPACKET) is one read or write."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ C = TypeVar("C", bound=PacketClient)
 
 
 class PacketServer(DeviceServer[C]):
-    """A socket at `path`, and the programs that have it open. Raises AddressError when the path
-    cannot be had."""
+    """Socket at `path`, and the programs that have it open. Raises AddressError if the path cannot
+    be used."""
 
     def __init__(
         self,
@@ -40,11 +40,11 @@ class PacketServer(DeviceServer[C]):
         self._socket = UnixSocket(path, socket.SOCK_SEQPACKET, mode)
 
     def listen(self) -> None:
-        """Let programs connect, from now on."""
+        """Start to accept programs."""
         self.listen_on(self._socket.sock)
 
     def close(self) -> None:
-        """Close every connection and remove the path, if it is still ours."""
+        """Close all connections and remove the path, if this peer still owns it."""
         super().close()
         self._socket.close()
 
@@ -53,8 +53,8 @@ class PacketServer(DeviceServer[C]):
 
 
 class PacketBackend(DeviceBackend[M], Generic[M, C]):
-    """A socket at `path` that stands for a node, for up to `MAX_CLIENTS` programs of the users
-    whom `mode` names.
+    """Socket at `path` in place of a device node, for up to `MAX_CLIENTS` programs of the users
+    that `mode` permits.
 
     Unplugging closes their connections and removes the socket.
     """
@@ -67,11 +67,11 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
 
     @abstractmethod
     def _meet(self, sock: socket.socket) -> C:
-        """The client of a new connection."""
+        """Return the client of a new connection."""
 
     @abstractmethod
     def _take(self, client: C, packet: bytes) -> None:
-        """Take a packet that a client wrote."""
+        """Handle a packet from a client."""
 
     def _part(self, client: C) -> None:
         """Handle the end of a client."""
@@ -84,7 +84,7 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
 
     @property
     def there(self) -> bool:
-        """Whether the socket exists."""
+        """True if the socket exists."""
         return self._server is not None
 
     @property
@@ -94,7 +94,7 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
 
     @property
     def lost(self) -> int:
-        """How often a program was too slow."""
+        """Number of packets that slow programs lost."""
         return self._lost_of_gone + sum(client.lost for client in self.clients)
 
     def appear(self) -> None:
@@ -115,13 +115,13 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
         )
 
     def vanish(self) -> None:
-        """Close every connection and remove the socket, if it is still ours."""
+        """Close all connections and remove the socket, if this peer still owns it."""
         if self._server is not None:
             self._server.close()
             self._server = None
 
     def attend(self, now_s: float) -> None:
-        """Let programs connect, unless the device refuses to be opened."""
+        """Accept programs, unless the device refuses to be opened."""
         server = self._server
         if server is not None and not server.listening and now_s >= self.shell.refused_until_s:
             server.listen()
@@ -134,7 +134,7 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
 
 
 class ReportClient(PacketClient):
-    """A program with the kernel's queue for it; a full one loses the oldest, or the newest."""
+    """Program with the kernel's queue for it; a full one loses the oldest report, or the newest."""
 
     def __init__(self, sock: socket.socket, *, keep_oldest: bool) -> None:
         super().__init__(sock)
@@ -186,7 +186,7 @@ class ReportSocket(PacketBackend[bytes, ReportClient]):
 
 
 def _only_looked(sock: socket.socket) -> bool:
-    """True when a program connected and hung up at once: it looked whether the path is served."""
+    """Return True if a program connected and hung up at once to test that the path is served."""
     try:
         return not sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
     except BlockingIOError:

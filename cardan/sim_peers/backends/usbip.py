@@ -1,9 +1,9 @@
-"""USB devices that the Linux kernel takes for real ones, over USB/IP.
+"""Virtual USB devices of the Linux kernel, over USB/IP.
 
 A server exports devices over TCP; the kernel's vhci-hcd imports them (``usbip attach``), and from
-then on asks for transfers as it asks a host controller: control transfers on endpoint 0, and reads
-of interrupt endpoints which wait until the device has something. A :class:`UsbipSession` is one
-connection without any I/O, bytes in and bytes out; :class:`UsbipBackend` listens. All numbers are
+then on requests transfers as from a host controller: control transfers on endpoint 0, and reads of
+interrupt endpoints which wait until the device has something. A :class:`UsbipSession` is one
+connection without I/O, bytes in and bytes out; :class:`UsbipBackend` listens. All numbers are
 big-endian but those of USB itself. Source: Linux, Documentation/usb/usbip_protocol.rst;
 tools/usb/usbip/src.
 """
@@ -37,7 +37,7 @@ MAX_TRANSFER_BYTES = 1 << 16
 """No transfer of a HID device is as long; a longer one is not USB/IP."""
 
 MAX_CANCELED = 64
-"""Most transfers that are canceled before they are asked for: a host has few under way."""
+"""Most transfers that are canceled before they are submitted: a host has few pending."""
 
 ENDPOINT_REPORTS = 4
 """Most reports kept for an endpoint that is not read; beyond it the oldest are dropped."""
@@ -52,7 +52,7 @@ _RET_SUBMIT = struct.Struct(">IIIIIiiiii8x")
 _RET_UNLINK = struct.Struct(">IIIIIi24x")
 COMMAND_BYTES = _SUBMIT.size
 _SEQUENCES = 1 << 32
-"""Sequence numbers begin again after so many."""
+"""Sequence numbers wrap at this number."""
 
 _SETUP = struct.Struct("<BBHHH")
 
@@ -73,7 +73,7 @@ class SetupPacket(NamedTuple):
     request: int
     value: int
     target: int
-    """wIndex: which interface or endpoint is meant, where one is."""
+    """wIndex: the interface or endpoint, if the request concerns one."""
     length: int
 
 
@@ -86,7 +86,7 @@ class UsbInterface(NamedTuple):
 
 
 class UsbIdentity(NamedTuple):
-    """A USB device's description before it is configured."""
+    """USB device description before configuration."""
 
     vendor_id: int
     product_id: int
@@ -105,9 +105,9 @@ class UsbFunction(ABC):
 
     @abstractmethod
     def control(self, setup: SetupPacket, data: bytes) -> bytes | None:
-        """Do a control request; `data` is sent with it by the host.
+        """Execute a control request; `data` is the host's.
 
-        Gives the data for the host (at most `setup.length` bytes are sent); None: not supported,
+        Return the data for the host (at most `setup.length` bytes are sent); None: not supported,
         the endpoint stalls.
         """
 
@@ -115,19 +115,19 @@ class UsbFunction(ABC):
 class UsbipSession:
     """Connection of a host to a server that exports one device as `bus_id`.
 
-    Bytes go in by `receive`, reports of interrupt endpoints by `push`; `take_output` gives the
-    bytes to send. A session that `failed` has to be closed.
+    Pass received bytes to `receive` and reports of interrupt endpoints to `push`; `take_output`
+    returns the bytes to send. A session that `failed` has to be closed.
     """
 
     def __init__(self, function: UsbFunction, bus_id: str = "1-1") -> None:
         self.bus_id = bus_id
         self.present = True
-        """False: there is no such device now."""
+        """False: the device is unplugged."""
         self.available = True
         """False: an import is refused, as the device is in use."""
         self.imported = False
         self.failed = ""
-        """Why it failed."""
+        """Reason of the failure."""
         self.polled = False
         """The host has read an interrupt endpoint: a driver has opened the device."""
         self._function = function
@@ -136,9 +136,9 @@ class UsbipSession:
         self._waiting: dict[int, deque[tuple[int, int]]] = {}
         self._reports: dict[int, deque[bytes]] = {}
         self._newest = 0
-        """Sequence number of the newest transfer that was asked for."""
+        """Sequence number of the newest submitted transfer."""
         self._canceled: dict[int, int] = {}
-        """Transfers that were canceled before they were asked for: by which command."""
+        """Transfers that were canceled before they were submitted, with the canceling command."""
 
     def take_output(self) -> bytes:
         """Take the bytes to send now."""
@@ -147,7 +147,7 @@ class UsbipSession:
         return data
 
     def receive(self, data: bytes) -> None:
-        """Take bytes of the host's. Never raises."""
+        """Receive bytes from the host. Never raises."""
         self._in += data
         while not self.failed and self._next():
             pass
@@ -161,7 +161,7 @@ class UsbipSession:
     # -- inside --------------------------------------------------------------------------------
 
     def _next(self) -> bool:
-        """Do one request, if a whole one is there."""
+        """Execute one request, if a whole one has arrived."""
         return self._command() if self.imported else self._operation()
 
     def _operation(self) -> bool:
@@ -252,7 +252,7 @@ class UsbipSession:
             self._return(sequence, 0, sent=len(data))
 
     def _match(self, endpoint: int) -> None:
-        """Complete the reads that wait for `endpoint` with the reports that do."""
+        """Complete the waiting reads of `endpoint` with the waiting reports."""
         waiting = self._waiting.get(endpoint)
         reports = self._reports.get(endpoint)
         while waiting and reports:
@@ -264,12 +264,12 @@ class UsbipSession:
                 self._return(sequence, 0, report)
 
     def _unlink(self, sequence: int, victim: int) -> None:
-        """Cancel a read that waits; a read that was answered already needs no more.
+        """Cancel a waiting read; an answered one needs no action.
 
-        Where both come close together, Linux's vhci-hcd sends the cancellation before the transfer
-        (its sender takes all new transfers, then all cancellations). An answer before the transfer
-        was sent finds it now and then, and then the transfer's own answer is an error that detaches
-        the device; so the cancellation is answered once the transfer has come.
+        If both are close together, Linux's vhci-hcd may send the cancellation before the transfer.
+        A reply to the cancellation before the transfer was sent sometimes makes the transfer's own
+        reply an error that detaches the device; thus the cancellation is answered once the transfer
+        has arrived.
         """
         if 0 < (victim - self._newest) % _SEQUENCES < _SEQUENCES // 2:
             if len(self._canceled) < MAX_CANCELED:
@@ -302,11 +302,11 @@ class _Connection(StreamClient):
 class UsbipBackend(DeviceBackend[bytes]):
     """A USB device on a TCP port, which one host at a time can attach. To attach it, as root::
 
-        modprobe vhci-hcd
+    modprobe vhci-hcd
         usbip attach -r HOST -b 1-1
 
-    Unplugging detaches it; plugged in again, it has to be attached again. While it refuses to be
-    opened it is busy to hosts.
+    Unplugging detaches it; after plugging in it has to be attached again. While the device refuses
+    to be opened, hosts see it as busy.
     """
 
     tells_refusal = True
@@ -316,7 +316,7 @@ class UsbipBackend(DeviceBackend[bytes]):
         self._bus_id = bus_id
         self._plugged = False
         self.address = (host, port)
-        """Address at which it listens; port 0 until that is known."""
+        """Listening address; port 0 until it is known."""
 
     @property
     def endpoint(self) -> str:
@@ -325,12 +325,12 @@ class UsbipBackend(DeviceBackend[bytes]):
 
     @property
     def there(self) -> bool:
-        """Whether a host can see the device."""
+        """True if a host can see the device."""
         return self._plugged
 
     @property
     def attached(self) -> bool:
-        """Whether a host has imported the device."""
+        """True if a host has imported the device."""
         return any(client.session.imported for client in self._server.clients)
 
     def open(self, shell: Shell) -> None:
@@ -364,14 +364,14 @@ class UsbipBackend(DeviceBackend[bytes]):
                 self._server.drop(client)
 
     def attend(self, now_s: float) -> None:
-        """Say to every connection whether the device is there, and whether it may import it."""
+        """Set for every connection whether the device is present and may be imported."""
         free = not self.attached and now_s >= self.shell.refused_until_s
         for client in self._server.clients:
             client.session.present = self._plugged
             client.session.available = free
 
     def send(self, messages: Sequence[bytes]) -> None:
-        """Give the reports to the host that has the device."""
+        """Send the reports to the host that has the device."""
         for client in tuple(self._server.clients):
             if client.session.imported:
                 for report in messages:
@@ -379,7 +379,7 @@ class UsbipBackend(DeviceBackend[bytes]):
                 self._flush(client)
 
     def close(self) -> None:
-        """Detach the device, close every connection."""
+        """Detach the device, close all connections."""
         self._plugged = False
         self._server.close()
 

@@ -1,5 +1,5 @@
-"""Between a client of EGM and its port: spoils what it says and hides from it what it hears, as a
-client with these defects would have it."""
+"""Filter between a client of EGM and its port that alters its answers and hides received datagrams
+as a client with these defects would."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STALE_M = 0.01
 
 
 class EgmClientDefects:
-    """Defects of one client. It is told times, s, that never go back."""
+    """Defects of one client. Times that it gets, s, never go back."""
 
     def __init__(self, faults: Mapping[str, float]) -> None:
         """`faults`: values of `FAULTS`, by their names."""
@@ -40,7 +40,7 @@ class EgmClientDefects:
         self._ended = False
 
     def hears(self, message: object, on_first_port: bool, now_s: float) -> bool:
-        """Whether the client takes what came, from the controller's first port or another one."""
+        """Return True if the client accepts the datagram, from the first port or another."""
         faults = self._faults
         if self._ended or faults.get("mute"):
             return False
@@ -84,7 +84,7 @@ class EgmClientDefects:
         return self._message(self._reference, EgmSpeedRef(cartesians=speed))
 
     def _as_before(self) -> Iterator[bytes]:
-        """The first reference once more, where there was one."""
+        """Repeat the first reference, if there was one."""
         if self._reference is not None:
             yield self._message(self._reference)
 
@@ -97,7 +97,7 @@ class EgmClientDefects:
         return self._seqno
 
     def _spoilt(self, answer: bytes, message: object) -> bytes:
-        """`answer` as a client with these defects would give it."""
+        """Return `answer` altered by these defects."""
         faults = self._faults
         if not faults:
             return answer

@@ -15,7 +15,7 @@ from cardan.sim_peers.kinematics import AXES, Frames
 from cardan.types import ZERO3, Vector3
 
 STICK_SPEED_M_S = 0.001
-"""Below this speed along the surface friction grows with speed; above it, it is Coulomb's."""
+"""Friction is proportional to the speed along the surface below this, and Coulomb's above it."""
 
 
 _Size = Annotated[float, bounds.NOT_NEGATIVE]
@@ -28,13 +28,13 @@ class ContactSurface(NamedTuple):
     stiffness_n_m: _Size = 500.0
     """Stiffness of a pen in a spring-loaded holder; a rigid tool on a table: 10 kN/m or more."""
     damping_n_s_m: _Size = 5.0
-    """Against motion into and out of the surface; it never pulls."""
+    """Damping of motion into and out of the surface; it never pulls."""
     friction: _Size = 0.2
     """Coulomb's coefficient along the surface."""
 
     @classmethod
     def read(cls, text: str) -> ContactSurface:
-        """``HEIGHT[:STIFFNESS[:DAMPING[:FRICTION]]]``, SI units; ValueError."""
+        """Parse ``HEIGHT[:STIFFNESS[:DAMPING[:FRICTION]]]``, SI units. Raises ValueError."""
         try:
             height_m, *others = [float(word) for word in text.split(":")]
             return cls(height_m, *others)
@@ -45,7 +45,7 @@ class ContactSurface(NamedTuple):
 
 
 def touch(surface: ContactSurface, position: Vector3, velocity: Vector3) -> Vector3:
-    """The force that the TCP exerts on `surface`; zero without contact, never upwards."""
+    """Return the force that the TCP exerts on `surface`; zero without contact, never upwards."""
     depth_m = surface.height_m - position.z
     if depth_m <= 0.0:
         return ZERO3
@@ -58,7 +58,7 @@ def touch(surface: ContactSurface, position: Vector3, velocity: Vector3) -> Vect
 
 
 def tcp_velocity(frames: Frames, speeds_rad_s: Sequence[float]) -> Vector3:
-    """Velocity of the TCP in the base frame, m/s, when the joints turn at `speeds_rad_s`."""
+    """Return the TCP velocity in the base frame, m/s, for joint speeds `speeds_rad_s`."""
     tx, ty, tz = frames.pose.position
     x = y = z = 0.0
     for n in range(AXES):

@@ -1,4 +1,4 @@
-"""The simulated controller's EGM side as a sans-I/O core: datagrams in and out, in virtual time."""
+"""Sans-I/O core of the simulated controller's EGM side: datagrams in and out, in virtual time."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ SENDING_FAILED = 41830
 SYSTEM_FAILURE = 10014
 
 _CATCH_UP_CYCLES = 250
-"""Most unserved cycles that are made up for, silently; with more the whole process stood still."""
+"""Most unserved cycles that are made up for silently; more are a pause of the whole process."""
 
 _WRAP = 1 << 32
 _FORCE_NOISE = (0.3, 0.3, 0.3, 0.02, 0.02, 0.02)
@@ -79,9 +79,9 @@ class DatagramCounters(NamedTuple):
 
     sent: int
     accepted: int
-    """Messages whose reference was taken."""
+    """Messages whose reference was used."""
     ignored: Mapping[str, int]
-    """By reason."""
+    """Ignored messages by reason."""
     flaws: Mapping[str, int]
     """Counts of messages that were accepted, but odd, by the reason."""
 
@@ -89,9 +89,9 @@ class DatagramCounters(NamedTuple):
 class EgmController:
     """A controller of a GoFa CRB 15000-5 as seen over EGM.
 
-    Call `cycle` once per control period with increasing times, send the datagram that it returns
-    to the PC, and give the PC's datagrams to `receive`. The same calls with the same options give
-    the same datagrams.
+    Call `cycle` once per control period with increasing times, send the datagram that it returns to
+    the PC, and pass the PC's datagrams to `receive`. The same calls with the same options give the
+    same datagrams.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class EgmController:
     # Datagrams in and out
 
     def receive(self, data: bytes) -> None:
-        """A datagram of the PC arrives; it waits until a cycle takes it."""
+        """Queue a datagram of the PC until a cycle takes it."""
         if self._off_until_s is not None:
             return
         if len(self._queue) >= self.options.queue_length:
@@ -175,8 +175,8 @@ class EgmController:
     def cycle(self, now_s: float) -> bytes | None:
         """Run a control cycle at `now_s`: measure, send, take one message, move.
 
-        Returns the datagram of this cycle, None if none is due. Cycles that were left out since
-        the last call are made up for without datagrams.
+        Returns the datagram of this cycle, None if none is due. Cycles skipped since the last call
+        are made up for without datagrams.
         """
         if self._first_s is None:
             self._first_s = self._last_s = now_s
@@ -192,13 +192,13 @@ class EgmController:
         return data
 
     def sending_failed(self) -> None:
-        """The shell reports that no program listens at the PC's address."""
+        """Record that no program listens at the PC's address; called by the shell."""
         if not self._send_failing:
             self._send_failing = True
             self._log.add(SENDING_FAILED, "Error sending EGM UdpUc message (no program listens)")
 
     def sending_worked(self) -> None:
-        """The shell reports that the PC was heard."""
+        """Record that the PC was heard; called by the shell."""
         self._send_failing = False
 
     # ------------------------------------------------------------------------------------
@@ -226,7 +226,7 @@ class EgmController:
 
     @property
     def planned_joints_rad(self) -> tuple[float, ...]:
-        """Joints of the controller's reference; the arm gets there `servo_delay_s` later."""
+        """Joints of the controller's reference; the arm reaches them `servo_delay_s` later."""
         return tuple(self.servo.planned)
 
     @property
@@ -257,12 +257,12 @@ class EgmController:
     def jog_to(self, joints_deg: Sequence[float]) -> bool:
         """Jog the arm by hand; at once while no datagrams go out, else as a movement.
 
-        False while EGM moves the arm or motors are off.
+        Return False while EGM moves the arm or motors are off.
         """
         return self._panel.jog([math.radians(q) for q in joints_deg])
 
     def do(self, verb: str, **arguments: Any) -> None:
-        """Do a script's `verb` now; arguments as in `ScriptAction`. For tests and consoles."""
+        """Execute a script's `verb` now; arguments as in `ScriptAction`. For tests and consoles."""
         if verb not in self._verbs:
             raise ScriptError(f"there is no verb {verb!r}; there are: {', '.join(self._verbs)}")
         self._verbs[verb](**arguments)
@@ -507,7 +507,7 @@ class EgmController:
         }
 
     def _with_defaults(self, kind: type[Any], arguments: Mapping[str, Any]) -> Any:
-        """`kind` of a script line's arguments; options win over them, and give the mode."""
+        """Return a script line's arguments as `kind`; options override them, and give the mode."""
         merged = {"mode": self.options.mode, **arguments}
         for field in fields(kind):
             override = getattr(self.options, field.name, None)

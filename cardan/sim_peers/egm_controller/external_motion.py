@@ -1,4 +1,4 @@
-"""The External Motion Interface: streaming, guided runs, and how the arm comes to rest after them.
+"""The External Motion Interface: streaming, guided runs, and stops after them.
 
 Source: ABB Application manual, Externally Guided Motion (3HAC073318-001), EGM state transitions.
 """
@@ -30,8 +30,8 @@ class EgmState(enum.IntEnum):
 class ExternalMotion:
     """The one EGM identity of the controller, and the motion of the arm.
 
-    A session is the time from the first datagram until nothing is streamed, no run guides the
-    arm, and its end (the `tail`), during which the arm comes to rest, has been sent.
+    A session lasts from the first datagram until streaming and guidance have ended and the `tail`,
+    during which the arm comes to rest, has been sent.
     """
 
     def __init__(
@@ -47,9 +47,9 @@ class ExternalMotion:
         self.run: GuidedRun | None = None
         """The run under way."""
         self.session = 0
-        """Counts the times that sending began."""
+        """Number of times that sending began."""
         self.connections = 0
-        """Counts the times that the UdpUc device was opened."""
+        """Number of times that the UdpUc device was opened."""
         self.move_index = 0
         self.connected = False
         """True from EGMGetId to EGMReset."""
@@ -57,7 +57,7 @@ class ExternalMotion:
         self.failed = False
         """True after an error, until the program or EGM starts again."""
         self.interrupted = False
-        """True when a run was interrupted that can go on with the program."""
+        """True after an interrupted run that can continue with the program."""
         self.movements = Movements(servo)
         self._options = options
         self._servo = servo
@@ -119,7 +119,7 @@ class ExternalMotion:
             self.failed = False
 
     def begin(self) -> None:
-        """Run the last EGMRun or EGMMoveL, if there is one. Raises MotionError if it cannot be."""
+        """Run the last EGMRun or EGMMoveL, if there is one. Raises MotionError if it cannot run."""
         act = self.settings.act
         if act is None or self.order is None:
             return
@@ -142,7 +142,7 @@ class ExternalMotion:
             self._tail_until_s = self._log.now_s
 
     def interrupt(self, ramp_s: float) -> None:
-        """Interrupt the run, if one is under way, to go on when the program does."""
+        """Interrupt an active run, to continue with the program."""
         if self.run is None:
             return
         self.interrupted = True
@@ -156,7 +156,7 @@ class ExternalMotion:
         self._break_off(ramp_s)
 
     def reset(self) -> None:
-        """Forget the identity with its settings; streaming and a run under way end at once."""
+        """Discard the identity and its settings; streaming and an active run end at once."""
         self.streaming = False
         if self.run is not None:
             self.interrupt(0.0)
@@ -167,7 +167,7 @@ class ExternalMotion:
         self.order = None
 
     def power_cycle(self) -> None:
-        """The controller restarts with the arm standing where it is."""
+        """Restart the controller; the arm keeps its position."""
         self.reset()
         self.movements.clear()
         self._servo.place(self._servo.actual)
@@ -180,7 +180,7 @@ class ExternalMotion:
         self.movements.go(joints, at_least_s)
 
     def tick(self) -> bool:
-        """One cycle without a run: brake, or do queued movements; True when the arm stands."""
+        """Run a cycle without guidance: brake, or do queued movements. True when the arm stands."""
         if not self.movements.tick():
             return False
         if self._tail_until_s is not None and self._log.now_s >= self._tail_until_s:

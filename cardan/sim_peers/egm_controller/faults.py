@@ -1,4 +1,4 @@
-"""Faults the simulated controller and the network around it can be told to have."""
+"""Faults of the simulated controller and its network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meaning of the PC's messages in each mode, and the joint speeds that they ask for.
+"""Conversion of the PC's messages to joint speeds in each mode.
 
 Source: ABB Application manual, Externally Guided Motion (3HAC073318-001): joint and pose mode,
 path correction, and the RAPID instructions that start them.
@@ -36,17 +36,17 @@ from cardan.types import Pose, Vector3
 
 _ZERO = (0.0,) * AXES
 _UNIT_TOLERANCE = 1e-5
-"""Deviation of a quaternion's length beyond which its sender did not normalize it."""
+"""Deviation of a quaternion's length beyond which it counts as not normalized."""
 
 LARGEST_NUMBER = 1e9
-"""Bound of references and speeds in m, rad and seconds: far beyond any robot's, and its powers that
-the kinematics need are far from a float's end."""
+"""Bound of references and speeds in m, rad and seconds: far beyond any robot's, with powers in the
+kinematics far below a float's overflow."""
 
 _R = TypeVar("_R")
 
 
 class MotionError(Exception):
-    """The controller stops the motion with an event."""
+    """Stop of the motion by the controller, with an event."""
 
     def __init__(
         self, code: int, text: str, *, needs_jog: bool = False, motors_off: bool = False
@@ -55,7 +55,7 @@ class MotionError(Exception):
         self.code = code
         self.text = text
         self.needs_jog = needs_jog
-        """Whether only jogging the arm away by hand ends the error."""
+        """True if only jogging the arm away by hand ends the error."""
         self.motors_off = motors_off
 
 
@@ -66,13 +66,13 @@ class Tuning(NamedTuple):
     filter_hz: float | None
     """None: no filter."""
     delay_cycles: int
-    """How much later a reference acts than at Level 0."""
+    """Additional delay of a reference compared with Level 0."""
     singularity_threshold: float
     path_correction_absolute: bool
 
 
 def beyond_any_robot(message: EgmSensor | EgmSensorPathCorr) -> bool:
-    """Whether a reference or speed of the message cannot be computed with.
+    """Return True if a reference or speed of the message is out of the range of computation.
 
     The reaction of a real controller to such a number is not known; the simulated one ignores the
     message.
@@ -107,14 +107,14 @@ class GuidedMotion(ABC):
 
     @abstractmethod
     def accept(self, message: EgmSensor | EgmSensorPathCorr) -> str:
-        """Take one message; the reason when it is ignored, else empty.
+        """Handle one message; return the reason if it is ignored, else empty.
 
         Raises MotionError for a reference that the controller stops at.
         """
 
     @abstractmethod
     def speeds(self, elapsed_s: float) -> list[float]:
-        """Joint speeds for this cycle, rad/s, before any limit; call once a cycle."""
+        """Return joint speeds for this cycle, rad/s, before any limit; call once a cycle."""
 
     @abstractmethod
     def converged(self) -> bool:
@@ -151,11 +151,11 @@ class _Guided(GuidedMotion, Generic[_R]):
 
     @abstractmethod
     def _accept(self, message: EgmSensor) -> str:
-        """Take a message of joint or pose mode, as `accept`."""
+        """Handle a message of joint or pose mode, as `accept` does."""
 
     @abstractmethod
     def _error(self, reference: _R, ramp: float) -> Sequence[float]:
-        """Error from the arm to `reference`, of which only the share `ramp` counts yet."""
+        """Return the error from the arm to `reference`, scaled by the share `ramp`."""
 
     def _controlled(self, elapsed_s: float) -> list[float]:
         self._line.append((self._reference, self._feed_forward))
@@ -232,7 +232,7 @@ def _joint_speeds(
 ) -> list[float]:
     """Joint speeds for the TCP velocity `twist` (v over w, base frame) of this cycle.
 
-    Nearest to the present configuration. Raises MotionError close to a singularity.
+    Solution nearest to the present configuration. Raises MotionError close to a singularity.
     """
     if not any(twist):
         return [0.0] * AXES
@@ -367,7 +367,7 @@ class PathCorrectedMotion(GuidedMotion):
 
     @property
     def offset_m(self) -> tuple[float, float]:
-        """How far the path is shifted now along y and z of the path frame, m."""
+        """Present shift of the path along y and z of the path frame, m."""
         return self._offset
 
     def accept(self, message: EgmSensor | EgmSensorPathCorr) -> str:

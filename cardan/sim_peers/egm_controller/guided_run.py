@@ -25,7 +25,7 @@ from cardan.sim_peers.egm_controller.motion import ServoAxes
 from cardan.sim_peers.egm_controller.settings import EgmSettings
 
 _LEVEL_1_DELAY_CYCLES = 2
-"""Level 1 filters and so acts later than Level 0; the manual says that, but not how much."""
+"""Level 1 filters and thus acts later than Level 0; the manual gives no number."""
 
 
 class RunRequest(NamedTuple):
@@ -74,7 +74,7 @@ class GuidedRun:
         self._converged_since_s: float | None = None
 
     def accept(self, message: EgmSensor | EgmSensorPathCorr, now_s: float) -> str:
-        """Take one message; the reason when it is ignored, else empty.
+        """Handle one message; return the reason if it is ignored, else empty.
 
         Raises MotionError for a reference that the controller stops at.
         """
@@ -85,7 +85,7 @@ class GuidedRun:
         return reason
 
     def tick(self, now_s: float) -> Ending | None:
-        """Move for one control cycle; how the run ends if it was the last, else None.
+        """Move for one control cycle; return the kind of ending if it was the last, else None.
 
         Raises MotionError, before anything has moved, if the controller stops: for silence of the
         PC, a joint at its limit, a deviation or a load beyond its limit, a singularity.
@@ -111,7 +111,8 @@ class GuidedRun:
         return None
 
     def _speed_limit(self) -> float:
-        """MaxSpeedDeviation, rad/s. Raises MotionError for a joint beyond MaxPosDeviation."""
+        """Return MaxSpeedDeviation, rad/s. Raises MotionError if a joint is beyond
+        MaxPosDeviation."""
         act = self._settings.act
         if act is None or isinstance(self.order.arguments, PathMove):
             return math.inf

@@ -33,7 +33,7 @@ class Instructions:
         self._program = task.program
 
     def main(self) -> None:
-        """Execute the program from its first instruction, as far as it came so far."""
+        """Execute the program from its first instruction to the last one reached so far."""
         self._egm.reset()
         self._program.restart(self.get_id)
         self._task.advance()

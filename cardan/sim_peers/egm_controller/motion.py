@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from cardan.sim_peers.kinematics import AXES, Frames, SixAxisArm, forward
 
 _NOISE_SAMPLES = 1021
-"""A prime, so that the repetition of the encoder noise matches no other period."""
+"""A prime number, to keep the repetition of the encoder noise apart from other periods."""
 
 
 class ControlLaw:
@@ -28,7 +28,7 @@ class ControlLaw:
         self._speed = [0.0] * AXES
 
     def speeds(self, error: Sequence[float], feed_forward: Sequence[float]) -> list[float]:
-        """The filtered speed for this cycle; call once a cycle."""
+        """Return the filtered speed for this cycle; call once a cycle."""
         gain, share = self._gain, self._share
         self._speed = [
             v + share * (gain * e + f - v)
@@ -40,8 +40,8 @@ class ControlLaw:
 class ServoAxes:
     """Six speed-controlled axes that keep their limits and follow some ms later.
 
-    `planned` is where the controller's reference is, `measured` where the arm is: `delay_s`
-    behind. Every limit scales all axes by the same ratio, so that the direction stays.
+    `planned` is the controller's reference, `measured` the arm's position, `delay_s` behind. Every
+    limit scales all axes by the same ratio, which keeps the direction.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class ServoAxes:
         self.place(start)
 
     def place(self, joints: Sequence[float]) -> None:
-        """Stand at `joints` from now on (the arm was jogged while it was not simulated)."""
+        """Place the arm at `joints` (it was jogged while it was not simulated)."""
         self.planned = list(joints)
         self.speeds = [0.0] * AXES
         self.accelerations = [0.0] * AXES
@@ -104,7 +104,7 @@ class ServoAxes:
 
     @property
     def actual_speeds(self) -> list[float]:
-        """How fast the arm really moves, rad/s."""
+        """True joint speeds of the arm, rad/s."""
         older, newer, period_s = self._history[0], self._history[1], self.period_s
         return [(b - a) / period_s for a, b in zip(older, newer, strict=True)]
 
@@ -137,7 +137,7 @@ class ServoAxes:
         self._tick += 1
 
     def demanded_acceleration(self, speeds: Sequence[float], cap_rad_s: float) -> float:
-        """The jump from the last demand to this one, as a multiple of the joint accelerations."""
+        """Return the jump from the last demand to this one, in multiples of joint accelerations."""
         fastest = max(map(abs, speeds))
         shrink = min(1.0, cap_rad_s / fastest) if fastest else 1.0
         return (
@@ -181,7 +181,7 @@ class RampDown:
 
 
 class JointMove:
-    """A programmed joint movement from standstill to `target`, both ends at rest."""
+    """Programmed joint movement to `target`, at rest at both ends."""
 
     _SPEED_SHARE = 0.5
     """Share of the joint speeds and accelerations: a programmed move uses less than the arm can."""

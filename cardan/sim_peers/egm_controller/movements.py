@@ -12,7 +12,7 @@ _STILL = [0.0] * AXES
 
 
 class Movements:
-    """A queue of braking ramps and joint movements; each starts where the one before ended."""
+    """A queue of braking ramps and joint movements; each starts at the end of the previous one."""
 
     def __init__(self, servo: ServoAxes) -> None:
         self._servo = servo
@@ -33,12 +33,12 @@ class Movements:
         self._next.append(lambda: JointMove(self._servo, joints, at_least_s))
 
     def clear(self) -> None:
-        """Forget all movements; an arm that still moves brakes."""
+        """Discard all movements; an arm that still moves brakes."""
         self._current = None
         self._next.clear()
 
     def tick(self) -> bool:
-        """Move for one cycle; True when all movements are done and the arm stands."""
+        """Move for one cycle; return True when all movements are done and the arm stands."""
         if self._current is None and self._next:
             self._current = self._next.popleft()()
         if self._current is None:

@@ -24,16 +24,16 @@ VIRTUAL_PERIOD_S = 0.004
 
 
 class RobotWareProfile(NamedTuple):
-    """Which fields a RobotWare release fills, beyond those all have."""
+    """Fields that a RobotWare release fills, beyond those of all releases."""
 
     fc_active: bool
     """measuredForce in the RobotWare 7 layout."""
     utilization_rate: bool
     move_index: bool
-    """And CollisionInfo."""
+    """moveIndex, and CollisionInfo."""
     rapid_data: bool
     torque_ref: bool
-    """And PTP time stamps, where configured."""
+    """torqueRef, and PTP time stamps if configured."""
 
 
 PROFILES: Mapping[str, RobotWareProfile] = {
@@ -45,7 +45,7 @@ PROFILES: Mapping[str, RobotWareProfile] = {
 }
 
 ROBOTWARE: Mapping[str, str] = {"6": "6.10", "7": "7.16", **{name: name for name in PROFILES}}
-"""Accepted names, and the release that each means."""
+"""Accepted names, and the release for each."""
 
 
 def _within_range(joints_deg: Sequence[float]) -> bool:
@@ -69,7 +69,7 @@ _Positive = Annotated[float, bounds.POSITIVE]
 
 @dataclass(frozen=True, kw_only=True)
 class EgmControllerOptions(Options):
-    """How the simulated controller is set up. None means: as the script says."""
+    """Settings of the simulated controller. None means: the script's value."""
 
     pc_host: Annotated[str, bounds.HOST] = option(
         "127.0.0.1",
@@ -126,7 +126,7 @@ class EgmControllerOptions(Options):
         REAL_PERIOD_S, "Another cycle, for a computer too slow for it."
     )
     servo_delay_s: Annotated[float, SERVO_DELAY_S] = 0.016
-    """How far the arm is behind the reference; real arms: 10 to 20 ms."""
+    """Delay of the arm behind the reference; real arms: 10 to 20 ms."""
     encoder_noise_deg: _Size = 1e-4
     """Standard deviation of measured joints."""
     dynamic_load_factor: _Size = 20.0
@@ -139,9 +139,9 @@ class EgmControllerOptions(Options):
     newest_wins: bool = False
     """Take the newest waiting datagram, as no real controller does; for comparison."""
     strict_mtype: bool = False
-    """Ignore messages whose mtype does not fit the mode (else only note them)."""
+    """Ignore messages whose mtype does not fit the mode (else only count them)."""
     strict_seqno: bool = False
-    """Ignore messages whose seqno does not advance (else only note them)."""
+    """Ignore messages whose seqno does not advance (else only count them)."""
     nan_is_fatal: bool = False
     """A NaN ends in 10014 System failure, as on some controllers, instead of being ignored."""
     path_correction_absolute: bool = False
@@ -157,7 +157,7 @@ class EgmControllerOptions(Options):
     force: bool = True
     """measuredForce is sent."""
     force_control: bool = option(False, "Measured force is compensated, not raw.")
-    """As it is while force control is active."""
+    """Report active force control."""
     surface: ContactSurface | None = option(
         None,
         "A table to press on: height, stiffness, damping, friction.",
@@ -170,11 +170,11 @@ class EgmControllerOptions(Options):
     force_sense: Literal["exerted", "reaction"] = option(
         "exerted", "Force of the tool on the world, or its reaction."
     )
-    """Sign of contact forces; ABB's manual does not say. `RobotState.wrench` is the exerted one
-    everywhere here."""
+    """Sign of contact forces; ABB's manual does not say. `RobotState.wrench` is always the exerted
+    one."""
     collision_force_n: _Size = 150.0
-    """A contact force at which the motion supervision sees a collision; 0: never. The order of
-    magnitude at which collaborative arms stop; the real one depends on load and speed."""
+    """Contact force at which motion supervision reports a collision; 0: never. The default has the
+    order of magnitude of collaborative arms; a real one depends on load and speed."""
     ptp: bool = False
     """timeStamp is sent (RobotWare 7.16)."""
     rapid_echo: bool = True
@@ -204,12 +204,12 @@ class EgmControllerOptions(Options):
 
     @property
     def program(self) -> str:
-        """The script to run."""
+        """Script to run."""
         return "path" if self.mode is EgmMode.PATH and self.script == "teleop" else self.script
 
     @property
     def release(self) -> str:
-        """The RobotWare release that is played."""
+        """Simulated RobotWare release."""
         return ROBOTWARE[self.robotware]
 
     @property

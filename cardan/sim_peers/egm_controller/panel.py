@@ -45,7 +45,7 @@ class Panel:
         self._at_main = False
         """True when the program pointer was moved to main."""
         self._no_restart = False
-        """True when the motors went off in a run that is not to go on."""
+        """True when the motors were switched off in a run that must not continue."""
         self._collision_until_s = -math.inf
 
     @property
@@ -74,7 +74,7 @@ class Panel:
             self._egm.interrupt(self._task.options.ramp_time_s)
 
     def program_start(self) -> None:
-        """Start the program: from main, or where it was stopped."""
+        """Start the program from main, or from the place where it was stopped."""
         task, egm = self._task, self._egm
         if task.program_running:
             return
@@ -98,7 +98,7 @@ class Panel:
             task.when_standing(task.begin)
 
     def restart_program(self) -> None:
-        """Begin again as an operator does: program pointer to main, start."""
+        """Restart as an operator does: program pointer to main, start."""
         self.pp_to_main()
         self.program_start()
 
@@ -119,14 +119,14 @@ class Panel:
             self._motors_off()
 
     def collide(self) -> None:
-        """Let the motion supervision see a collision."""
+        """Trigger a collision in the motion supervision."""
         self._collision_until_s = self._log.now_s + _COLLISION_SHOWN_S
         self._task.fail(MotionError(MOTION_SUPERVISION, "Motion supervision"))
 
     def jog(self, joints: Sequence[float]) -> bool:
         """Jog the arm to `joints` (rad) by hand; False when that is not possible now.
 
-        At once while no datagrams go out, else as a movement.
+        It takes effect at once while no datagrams are sent, else as a movement.
         """
         task, egm = self._task, self._egm
         if egm.run is not None or not task.motors_on:

@@ -1,4 +1,4 @@
-"""Order of a RAPID program's instructions, and which are executed again after a restart."""
+"""Order of a RAPID program's instructions, and those that a restart executes again."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ Part = Literal["move", "setup", "act", "stream", "motion"]
 
 
 class RapidProgram:
-    """Instructions that were not reached yet, and those that the program has executed so far.
+    """Pending and executed instructions of a program.
 
-    Instructions note themselves by `record` when they are executed; `restart` executes them again.
+    Instructions call `record` when they are executed; `restart` executes them again.
     """
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class RapidProgram:
         self._replaying = False
 
     def record(self, part: Part, instruction: Instruction) -> None:
-        """Note an executed instruction for `restart`; each EGMSetupUC begins the program anew."""
+        """Note an executed instruction for `restart`; each EGMSetupUC starts the program over."""
         if self._replaying:
             return
         if part == "setup":
@@ -52,7 +52,7 @@ class RapidProgram:
         self._main.pop(part, None)
 
     def restart(self, get_id: Instruction) -> None:
-        """Queue the program from its first instruction, as far as it came so far."""
+        """Queue the program from its first instruction to the last one reached so far."""
         main = self._main
         parts: tuple[Part, ...] = ("setup", "act", "stream", "motion")
         if "move" in main:

@@ -26,11 +26,11 @@ from cardan.sim_peers.egm_controller.options import EgmControllerOptions
 from cardan.sim_peers.egm_controller.program import Instruction, RapidProgram
 
 _ECHO_AFTER_S = 0.024
-"""How long a RAPID loop takes to read an input and set an output."""
+"""Time of a RAPID loop from reading an input to setting an output."""
 
 
 class Recovery(NamedTuple):
-    """Recovery `after_s` after EGM ended with an error; by default there is none."""
+    """Recovery `after_s` after EGM ended with an error; default: none."""
 
     after_s: float = 0.0
     retries: bool = False
@@ -64,27 +64,27 @@ class RapidTask:
         self.needs_jog = False
         """True after an error that only jogging the arm away by hand ends."""
         self.loop = False
-        """Whether the program runs EGM again when a run ends, as WHILE TRUE does."""
+        """True if the program runs EGM again when a run ends, as in a WHILE TRUE loop."""
         self.recovery = Recovery()
         self.rapid_in: EgmRapidData | None = None
         """The PC's newest RAPIDtoRobot."""
         self.rapid_out = EgmRapidData(False, ())
         """Data sent in RAPIDfromRobot."""
         self.echo = options.rapid_echo
-        """Whether the program repeats RAPIDtoRobot in RAPIDfromRobot."""
+        """True if the program copies RAPIDtoRobot to RAPIDfromRobot."""
         self._echoes: deque[tuple[float, EgmRapidData]] = deque()
         self._then: tuple[float, Callable[[], None]] | None = None
 
     @property
     def guidance(self) -> GuidedMotion | None:
-        """How the PC guides the arm in the run under way."""
+        """Guided motion of the active run."""
         return None if self.egm.run is None else self.egm.run.guidance
 
     # ------------------------------------------------------------------------------------
     # Each cycle
 
     def accept(self, message: EgmSensor | EgmSensorPathCorr) -> str:
-        """Give the PC's message to EGM; the reason when it is ignored, else empty."""
+        """Pass the PC's message to EGM; return the reason if it is ignored, else empty."""
         if isinstance(message, EgmSensor) and message.rapid_to_robot is not None:
             self.rapid_in = message.rapid_to_robot
             if self.echo:
@@ -118,7 +118,7 @@ class RapidTask:
     # The program
 
     def execute(self, instruction: Instruction) -> None:
-        """Reach `instruction` in the program, after those before it.
+        """Execute `instruction` of the program after all earlier ones.
 
         Like RAPID's, instructions wait until a movement has come to its fine point.
         """
@@ -129,7 +129,7 @@ class RapidTask:
         self.advance()
 
     def advance(self) -> None:
-        """Execute the next instructions of the program, as far as they do not wait."""
+        """Execute the next instructions of the program until one has to wait."""
         while not self.program.finished and self.program_running and not self.egm.movements.busy:
             self.program.step()
 
@@ -147,7 +147,7 @@ class RapidTask:
         self._then = (self.log.now_s + after_s, action)
 
     def power_cycle(self) -> None:
-        """The controller restarts: nothing is left but the program itself."""
+        """Restart the controller: only the program itself remains."""
         self.egm.power_cycle()
         self._then = None
         self.moved = False
@@ -158,7 +158,7 @@ class RapidTask:
     # Runs of EGM
 
     def begin(self) -> None:
-        """Run the last EGMRun or EGMMoveL, if motors and program run."""
+        """Run the last EGMRun or EGMMoveL, if motors and program are on."""
         if not self.motors_on or not self.program_running:
             return
         try:
@@ -181,7 +181,7 @@ class RapidTask:
             self.stop_program()
 
     def fail(self, error: MotionError) -> None:
-        """End the run, or whatever moves, with an error; then recover as `recovery` says."""
+        """End the run, or any other motion, with an error; then recover as set in `recovery`."""
         self.log.add(error.code, error.text)
         self._fail(error)
 
@@ -206,7 +206,7 @@ class RapidTask:
             self.when_standing(restart, after_s)
 
     def _waits_for_run(self) -> bool:
-        """True when the program waits for its EGMRun and so gets its errors."""
+        """True when the program waits for its EGMRun and thus receives its errors."""
         order = self.egm.order
         return (
             order is not None
@@ -215,7 +215,7 @@ class RapidTask:
         )
 
     def _go_on(self) -> None:
-        """Go on with the program, once the arm stands."""
+        """Continue the program once the arm stands."""
         if self._then is not None and self.log.now_s >= self._then[0] and not self.egm.tail:
             action = self._then[1]
             self._then = None

@@ -1,4 +1,4 @@
-"""Settings by EGMSetupUC and EGMAct, with the system parameters for those they leave out."""
+"""Settings by EGMSetupUC and EGMAct, with the system parameters as defaults."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cardan.sim_peers.egm_controller.arguments import EgmAct, EgmMode, EgmSetup
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
 
 PATH_LEVEL = 2
-"""The External Motion Interface level of path correction, and of nothing else."""
+"""Level of the External Motion Interface for path correction alone."""
 
 _STREAM_RATE_MS = 4
 _PATH_RATE_MS = 48
@@ -43,7 +43,7 @@ class EgmSettings:
 
     @property
     def comm_timeout_s(self) -> float:
-        """Longest silence of the PC in which guidance goes on; path correction has no limit."""
+        """Longest silence of the PC during guidance; path correction has no limit."""
         if self.setup is None or self.setup.mode is EgmMode.PATH:
             return math.inf
         return self.setup.comm_timeout_s

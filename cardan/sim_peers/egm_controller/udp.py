@@ -20,10 +20,10 @@ log = logging.getLogger(__name__)
 
 
 class EgmControllerPeer(DatagramPeer):
-    """Serves an `EgmController` as the real one does: as the client of the PC.
+    """Serves an `EgmController` as a client of the PC, like the real one.
 
-    The socket has an ephemeral local port and is connected to the PC's address, so answers from
-    other addresses are ignored.
+    The socket has an ephemeral local port and is connected to the PC's address, which excludes
+    answers from other addresses.
     """
 
     def __init__(self, options: EgmControllerOptions | None = None) -> None:
@@ -39,7 +39,7 @@ class EgmControllerPeer(DatagramPeer):
 
     @property
     def local_port(self) -> int | None:
-        """The ephemeral port that datagrams come from now; None while closed."""
+        """Ephemeral port that datagrams come from now; None while closed."""
         return None if self._socket is None else int(self._socket.getsockname()[1])
 
     def _connect(self) -> socket.socket:
@@ -77,7 +77,8 @@ class EgmControllerPeer(DatagramPeer):
         except BlockingIOError:
             return
         except OSError:
-            # Linux reports an earlier refusal here and sends nothing; a controller sends on.
+            # Linux reports an earlier refusal here and sends nothing; a controller continues to
+            # send.
             self.core.sending_failed()
             with contextlib.suppress(OSError):
                 self._socket.send(data)

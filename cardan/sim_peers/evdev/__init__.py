@@ -1,4 +1,4 @@
-"""A simulated gamepad or keyboard: the hardware, the kernel's side of it, and motion scripts."""
+"""Simulated gamepad or keyboard: the hardware, the kernel's part, and motion scripts."""
 
 from cardan.sim_peers.evdev.core import SimulatedInput as SimulatedInput
 from cardan.sim_peers.evdev.faults import FAULTS as FAULTS

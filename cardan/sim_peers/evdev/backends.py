@@ -86,12 +86,12 @@ class _Client(PacketClient):
         self.send_bytes(encode_events(events))
 
     def send_bytes(self, packet: bytes) -> None:
-        """Queue a packet, whatever is in it."""
+        """Queue a packet with any content."""
         self._queue.append(packet)
 
 
 class EventSocket(PacketBackend[InputEvents, _Client]):
-    """A socket that stands for a node of /dev/input: a packet is a read or a write.
+    """Socket in place of a node of /dev/input: a packet is a read or a write.
 
     A packet that is not of whole events is an ioctl request or its answer.
     """
@@ -111,7 +111,7 @@ class EventSocket(PacketBackend[InputEvents, _Client]):
         self._frames = 0
 
     def send(self, messages: Sequence[InputEvents]) -> None:
-        """Send a packet per frame, to all clients, or to the one that has grabbed the device."""
+        """Send a packet per frame to all clients, or to the one that has grabbed the device."""
         # The kernel stamps events with the wall clock unless a program asks for another.
         offset_s = time.time() - self.shell.device_s()
         for frame in messages:
@@ -158,9 +158,9 @@ class EventSocket(PacketBackend[InputEvents, _Client]):
 
 
 class UinputBackend(DeviceBackend[InputEvents]):
-    """The kernel's own: the device becomes a node of /dev/input, with all that the kernel does.
+    """Device of the kernel's uinput: a node of /dev/input with the full behavior of the kernel.
 
-    `root` is where /dev and /sys are.
+    `root`: parent folder of /dev and /sys.
     """
 
     awaits_program = False
@@ -178,7 +178,7 @@ class UinputBackend(DeviceBackend[InputEvents]):
 
     @property
     def there(self) -> bool:
-        """Whether the node exists."""
+        """True if the node exists."""
         return self._fd is not None
 
     def appear(self) -> None:
@@ -198,7 +198,7 @@ class UinputBackend(DeviceBackend[InputEvents]):
         self.shell.selector.register(self._fd, selectors.EVENT_READ, self._serve)
 
     def vanish(self) -> None:
-        """Take the device away."""
+        """Destroy the device."""
         fd, self._fd = self._fd, None
         if fd is not None:
             self.shell.selector.unregister(fd)
@@ -243,7 +243,7 @@ class UinputBackend(DeviceBackend[InputEvents]):
         return f"/dev/input/{nodes[0]}"
 
     def _serve(self) -> None:
-        """Take clients' requests for the motors or a LED from the kernel."""
+        """Handle clients' requests for the motors or an LED from the kernel."""
         fd = self._fd
         if fd is None:
             return

@@ -1,7 +1,7 @@
-"""A simulated input device and the kernel's side of it, without any I/O and in virtual time.
+"""Simulated input device and the kernel's part, without I/O and in virtual time.
 
-Time is given in seconds from plugging in and moves in `frames` only. The hardware is polled every
-`InputDeviceModel.period_s`; only changes are reported, as the kernel does.
+Time is given in seconds from plugging in and advances only in `reports`. The hardware is polled
+every `InputDeviceModel.period_s`; only changes are reported, as by the kernel.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ Controls = tuple[float, float, float, float, float, float]
 NEUTRAL: Controls = (0.0,) * 6
 
 REPEAT_DELAY_S, REPEAT_PERIOD_S = 0.25, 0.033
-"""The kernel's own repetition of a key that is held."""
+"""Autorepeat of a held key by the kernel."""
 EFFECTS = 16
 """Effects that the kernel keeps for two motors."""
 
@@ -137,7 +137,7 @@ class SimulatedInput:
         self._random = random.Random(seed)
         self._values = {code: info.value for code, info in model.axes.items()}
         self._keys: dict[int, float] = {}
-        """Keys that the kernel knows to be down, and since when; newest last."""
+        """Keys that the kernel knows to be down, and their times; newest last."""
         self._changes: list[tuple[int, bool]] = []
         self._hats: list[str] = []
         self._held: list[str] = []
@@ -171,11 +171,11 @@ class SimulatedInput:
             self._moved = True
 
     def press(self, label: str) -> None:
-        """Press a button or key; ScriptError when the device has none of that label."""
+        """Press a button or key. Raises ScriptError if the device has no such label."""
         self._change(label, pressed=True)
 
     def release(self, label: str) -> None:
-        """Let a button or key go; ScriptError when the device has none of that label."""
+        """Release a button or key. Raises ScriptError if the device has no such label."""
         if label in self._held and self._now_s >= self._faults.get("stuck-button", math.inf):
             return
         self._change(label, pressed=False)
@@ -191,13 +191,13 @@ class SimulatedInput:
         return (*self.model.codes, *(_HATS if self.model.is_gamepad else ()))
 
     def unplug(self) -> None:
-        """Take the device away."""
+        """Unplug the device."""
         self.plugged = False
         self._effects.clear()
         self.grabbed_by = None
 
     def replug(self) -> None:
-        """Plug it in again: at first the kernel knows of nothing that is held."""
+        """Plug it in again: initially the kernel knows of no held key."""
         if not self.plugged:
             self.plugged = True
             self._values = {code: info.value for code, info in self.model.axes.items()}
@@ -207,7 +207,7 @@ class SimulatedInput:
             self._repeat_s = math.inf
 
     def silence(self) -> None:
-        """Report nothing more, as when the radio is lost, until `resume`."""
+        """Send no reports, as after a loss of the radio link, until `resume`."""
         self._silenced = True
 
     def resume(self) -> None:
@@ -219,7 +219,7 @@ class SimulatedInput:
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next; inf while at rest."""
+        """Time of the next work of `reports`; inf while at rest."""
         due_s = self._plugging[0][0] if self._plugging else math.inf
         if not self._mute_at(self._now_s):
             if self._moved or self._changes or self._noisy:
@@ -228,7 +228,7 @@ class SimulatedInput:
         return due_s
 
     def reports(self, now_s: float) -> list[InputEvents]:
-        """Frames that the kernel reports from the last call until `now_s`."""
+        """Return the frames that the kernel reports from the last call until `now_s`."""
         frames: list[InputEvents] = []
         while True:
             plug_s = self._plugging[0][0] if self._plugging else math.inf
@@ -240,7 +240,7 @@ class SimulatedInput:
             self._plugging.pop(0)[1]()
 
     def skip_to(self, now_s: float) -> None:
-        """Poll nothing before `now_s`: that time was not simulated."""
+        """Skip to `now_s` without polls of the time before."""
         self._poll = max(self._poll, math.ceil(now_s / self.model.period_s - 1e-9))
 
     # -- the host ------------------------------------------------------------------------------
@@ -255,7 +255,7 @@ class SimulatedInput:
         return IoctlCall(request, 0, result[:size].ljust(size, b"\0"))
 
     def write(self, client: Hashable, data: bytes, now_s: float) -> None:
-        """Take events that `client` writes; only those that play effects are used."""
+        """Handle events that `client` writes; only those that play effects are used."""
         events = decode_events(data)
         if isinstance(events, MalformedPacket):
             self.refused += 1
@@ -268,29 +268,29 @@ class SimulatedInput:
                 effect.started_s = now_s if event.value > 0 else None
 
     def take_effect(self, effect: Rumble, now_s: float) -> None:
-        """Take an effect that the kernel passes to a device of uinput."""
+        """Store an effect that the kernel passes to a uinput device."""
         slot = self._effects.setdefault(effect.id, _Effect(effect, None))
         slot.effect = effect
         if slot.started_s is not None:
             slot.started_s = now_s
 
     def play(self, effect_id: int, now_s: float, *, on: bool) -> None:
-        """Start or stop an effect of a device of uinput."""
+        """Start or stop an effect of a uinput device."""
         if effect_id in self._effects:
             self._effects[effect_id].started_s = now_s if on else None
 
     def gone(self, client: Hashable) -> None:
-        """`client` closed the device: its grab ends, its effects are erased."""
+        """Handle the end of `client`: its grab ends, its effects are erased."""
         if self.grabbed_by == client:
             self.grabbed_by = None
         self._effects = {k: e for k, e in self._effects.items() if e.owner != client}
 
     def erase(self, effect_id: int) -> None:
-        """Forget an effect."""
+        """Erase an effect."""
         self._effects.pop(effect_id, None)
 
     def rumble(self, now_s: float) -> tuple[float, float]:
-        """How hard the heavy and the light motor turn at `now_s`, 0..1."""
+        """Strength of the heavy and the light motor at `now_s`, 0..1."""
         strong = weak = 0
         for slot in self._effects.values():
             length_s = slot.effect.length_ms / 1000.0 or math.inf
@@ -412,7 +412,7 @@ class SimulatedInput:
     # -- inside: the requests ------------------------------------------------------------------
 
     def _answer(self, client: Hashable, request: int, argument: bytes, now_s: float) -> bytes | int:
-        """The argument after `request`, or the error's number."""
+        """Return the argument after `request`, or the errno."""
         model = self.model
         if not self.plugged:
             return errno.ENODEV
@@ -480,13 +480,13 @@ class SimulatedInput:
         if slot is None or slot.owner != client:
             return errno.EINVAL if slot is None else errno.EACCES
         slot.effect = effect
-        if slot.started_s is not None:  # a playing effect begins again
+        if slot.started_s is not None:  # A playing effect restarts.
             slot.started_s = now_s
         return encode_rumble(effect)
 
 
 def _without_fuzz(value: int, old: int, fuzz: int) -> int:
-    """The kernel's filter of small noise on an axis."""
+    """Apply the kernel's filter of small noise on an axis."""
     if fuzz:
         away = abs(value - old)
         if away < fuzz // 2:

@@ -1,4 +1,4 @@
-"""The faults a simulated input device can have."""
+"""Faults of a simulated input device."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ FAULTS = (
 )
 
 SOCKET_ONLY = frozenset({"dropped", "short", "garbage", "refuse-rumble"})
-"""Faults in the kernel's part, which the kernel itself does for a device of uinput."""
+"""Faults in the kernel's part, which do not apply to a uinput device."""
 _STICK_FAULTS = ("stuck-axis", "drift", "refuse-rumble")
 
 
 def check_faults(faults: Mapping[str, float], model: InputDeviceModel, *, uinput: bool) -> None:
-    """Raise ScriptError for a fault that does not exist or that this device cannot have."""
+    """Raise ScriptError for an unknown fault, or one that this device cannot have."""
     base.check_faults(faults, FAULTS)
     for name in faults:
         if uinput and name in SOCKET_ONLY:

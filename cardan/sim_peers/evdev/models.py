@@ -1,4 +1,4 @@
-"""The input devices that can be simulated, as the kernel's drivers present them."""
+"""Models of simulated input devices, as presented by the kernel's drivers."""
 
 from __future__ import annotations
 
@@ -40,27 +40,27 @@ class InputDeviceModel(NamedTuple):
     name: str
     id: InputId
     codes: Mapping[str, int]
-    """Key and button codes by our labels."""
+    """Key and button codes by label."""
     axes: Mapping[int, AbsInfo]
     """Their ranges; the values are those at rest."""
     effects: frozenset[int]
     period_s: float
-    """How often the hardware is polled."""
+    """Poll period of the hardware."""
     sticks: tuple[int, int, int, int] = (ABS_X, ABS_Y, ABS_RX, ABS_RY)
     """Axes of the left stick and of the right one."""
     triggers: tuple[int, ...] = (ABS_Z, ABS_RZ)
-    """Axes of the left trigger and the right one; none: they are buttons alone."""
+    """Axes of the left trigger and the right one; empty: the triggers are only buttons."""
     repeats: bool = False
     """The kernel repeats a key that is held."""
 
     @property
     def is_gamepad(self) -> bool:
-        """Whether it has sticks."""
+        """True if it has sticks."""
         return ABS_X in self.axes
 
 
 def _pad_codes(vendor: int, *, trigger_buttons: bool) -> Mapping[str, int]:
-    """Codes by label: dpads are hats, so they have none."""
+    """Codes by label; D-pads are hats and have none."""
     codes = {label: code for label, code in PAD_CODES.items() if not label.startswith("dpad")}
     if not trigger_buttons:
         codes = {label: code for label, code in codes.items() if code not in (BTN_TL2, BTN_TR2)}
@@ -70,7 +70,7 @@ def _pad_codes(vendor: int, *, trigger_buttons: bool) -> Mapping[str, int]:
 
 
 def _counted_codes(first: int, *further: str) -> Mapping[str, int]:
-    """A pad's by the generic driver: counted from `first` on, as in the pad's reports."""
+    """Codes of a pad with the generic driver, counted from `first` in the reports' order."""
     labels = (
         "west", "south", "east", "north", "left-shoulder", "right-shoulder", "left-trigger",
         "right-trigger", "select", "start", "left-stick", "right-stick",
@@ -175,4 +175,4 @@ MODELS = (
         repeats=True,
     ),
 )
-"""The first of a kind is its default."""
+"""Models of each kind; the first is its default."""

@@ -10,7 +10,7 @@ from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.scripted import Action, MotionScript, StepWords, calling, moving
 
 MOTION_PERIOD_S = 0.004
-"""How often a motion is sampled: as often as a pad is polled."""
+"""Sample period of a motion: a pad's poll period."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "sticks": (

@@ -1,4 +1,4 @@
-"""Serves a simulated gamepad or keyboard, on a socket or as a device of the kernel's."""
+"""Serves a simulated gamepad or keyboard, on a socket or as a uinput device."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from cardan.sim_peers.evdev.motion_script import (
 
 @dataclass(frozen=True, kw_only=True)
 class EvdevPeerOptions(DeviceNodeOptions):
-    """Simulated device and its place."""
+    """Options of a simulated input device."""
 
     kind: Literal["gamepad", "keyboard"] = "gamepad"
     path: str = option(
@@ -37,7 +37,7 @@ class EvdevPeerOptions(DeviceNodeOptions):
     )
     """Created when the peer opens."""
     uinput: bool = option(False, "An input device of this machine's kernel (/dev/uinput).")
-    """Instead of a socket."""
+    """Use uinput instead of a socket."""
     model: str = ""
     """Key of the model; empty: the first of its kind."""
     jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 0
@@ -45,10 +45,10 @@ class EvdevPeerOptions(DeviceNodeOptions):
 
 
 class EvdevPeer(DevicePeer[SimulatedInput, InputEvents]):
-    """A simulated input device, for any number of programs up to 8 on its socket.
+    """Simulated input device, for up to 8 programs on its socket.
 
-    Raises OptionError for a model that does not exist, ScriptError for a script or fault that does
-    not exist or does not fit.
+    Raises OptionError for an unknown model, ScriptError for an unknown or unsuitable script or
+    fault.
     """
 
     def __init__(self, options: EvdevPeerOptions) -> None:
@@ -83,7 +83,7 @@ def _model(options: EvdevPeerOptions) -> InputDeviceModel:
 
 @dataclass(frozen=True, kw_only=True)
 class GamepadPeerOptions(EvdevPeerOptions):
-    """A pad of one of several models."""
+    """Options of a simulated gamepad."""
 
     model: str = option(
         "",
@@ -110,7 +110,7 @@ class GamepadCommand(PeerCommand[EvdevPeerOptions]):
 
 @dataclass(frozen=True, kw_only=True)
 class KeyboardPeerOptions(EvdevPeerOptions):
-    """The one keyboard."""
+    """Options of the simulated keyboard."""
 
     kind: Literal["gamepad", "keyboard"] = "keyboard"
 

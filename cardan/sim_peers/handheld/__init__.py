@@ -1,4 +1,4 @@
-"""Pages with a phone or a headset's controllers in a simulated hand."""
+"""Simulated console pages with a phone or a headset's controllers."""
 
 from cardan.sim_peers.handheld.core import (
     FAULTS as FAULTS,

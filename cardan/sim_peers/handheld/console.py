@@ -1,4 +1,4 @@
-"""A page of the console at the level of the wire: its WebSocket, its clock, its frames."""
+"""Page of the console on the wire: WebSocket, clock synchronization, frames."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ LOOK_S = 0.005
 TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 
 _CHANNEL_AT, _TIME_AT = 3, 8
-"""Places in the header of a frame."""
+"""Offsets in the header of a frame."""
 
 
 class ConsolePage:
-    """A page that is open, with one channel for a device. Its clock is this computer's."""
+    """Open page with one channel for a device. Its clock is this computer's."""
 
     def __init__(self, url: str, topic: str) -> None:
-        """Open it, to send frames for `topic`. Raises AddressError and DriverError."""
+        """Open the page, to send frames for `topic`. Raises AddressError and DriverError."""
         token = os.environ.get(TOKEN_VARIABLE, "").strip()
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._leaving = contextlib.ExitStack()
@@ -50,12 +50,12 @@ class ConsolePage:
         except (OSError, InvalidHandshake, TimeoutError) as error:
             raise DriverError(f"cannot be a page of {url}: {error}") from None
         self.ready = False
-        """Whether the channel is open, and the server has asked for the time."""
+        """True if the channel is open and the server has synchronized the clock."""
         self.rumble = 0.0
         self.why = ""
-        """Why something was refused."""
+        """Reason of a refusal."""
         self.grip = ""
-        """The server's newest message about the hold."""
+        """Newest message of the server about the hold."""
         self.due_s = 0.0
         self._opened = False
         self._tell(op="cardan.open", channel=CHANNEL, device=topic)
@@ -77,7 +77,7 @@ class ConsolePage:
             self.ready = False
 
     def attend(self, now_s: float) -> None:
-        """Take the server's messages."""
+        """Handle the server's messages."""
         self.due_s = now_s + LOOK_S
         try:
             while True:

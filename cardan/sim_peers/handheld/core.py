@@ -1,7 +1,7 @@
-"""Frames that a page sends of a hand, without any I/O and in virtual time.
+"""Frames of a page with a moved device, without I/O and in virtual time.
 
-The device aligns once, and is then moved by a script: six deflections, of which the turns tip and
-twist it by 30° at most; the ways are a drag of the second finger (phone), or go 10 cm at most (XR).
+The device aligns once; then a script moves it by six deflections. Rotations are at most 30°;
+translations are a drag of the second finger (phone), or at most 10 cm (XR).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ NORTH_RAD: Final = 1.0
 """Heading of the robot's x axis in the device's first reference, which is arbitrary."""
 
 ALIGNS_S: Final = 0.1
-"""How long Align is pressed at the beginning."""
+"""Time for which Align is pressed at the beginning."""
 
 STANDS: Final = Vector3(0.3, 0.1, 1.2)
 """Position of the device at rest, m."""
@@ -61,7 +61,7 @@ HOLD: Final = "hold"
 
 
 class SimulatedHandheld(HeldPeriodicDevice[bytes]):
-    """A page and the device that it shows, which a script deflects (-1..1, robot frame)."""
+    """Page and its device, which a script deflects (-1..1, robot frame)."""
 
     def __init__(
         self,
@@ -78,12 +78,12 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         self.stuck = self.jumped = False
         self.aligns_until_s = ALIGNS_S
         self.age_s = faults.get("late", 0.0)
-        """How long each frame is on its way."""
+        """Transmission time of each frame."""
         self._nan = faults.get("nan", 0.0)
         self._bad = 0.0
         self._sequence = 0
         self._reference = 0
-        """Counts the references, as the page does."""
+        """Incremented at each new reference, as by the page."""
         self._north_rad = NORTH_RAD
         """Heading of the robot's x axis in the device's reference."""
         self._actions = TimedActions(
@@ -101,7 +101,7 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
     # -- device states ----------------------------------------------------------------------------
 
     def replug(self) -> None:
-        """Open the page again, and press Align on it."""
+        """Open the page again, and press Align."""
         super().replug()
         self.align()
 
@@ -110,7 +110,7 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         self.aligns_until_s = self.next_due_s + ALIGNS_S
 
     def lose_sensors(self) -> None:
-        """Lose the sensors: they report nothing more."""
+        """Stop the reports of the sensors."""
         self.senses = False
 
     def lose_tracking(self) -> None:
@@ -122,11 +122,11 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         self.visible = False
 
     def jump(self) -> None:
-        """Make the tracked pose jump: it is elsewhere from now on."""
+        """Offset the tracked pose from now on."""
         self.jumped = True
 
     def recenter(self, turn_rad: float = 0.5 * math.pi, *, reported: bool = True) -> None:
-        """Give all poses in another reference from now on, as after a headset's recentering.
+        """Report all poses in another reference from now on, as after a headset's recentering.
 
         `reported`: the browser says so.
         """
@@ -134,19 +134,19 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         self._reference += reported
 
     def stick(self) -> None:
-        """The control counts as held for ever."""
+        """Hold the control permanently."""
         self.stuck = True
 
     # -- frames ---------------------------------------------------------------------------------
 
     def reports(self, now_s: float) -> list[bytes]:
-        """Frames that the page sends from the last call until `now_s`."""
+        """Return the frames that the page sends from the last call until `now_s`."""
         for _, action in self._actions.due(now_s):
             action()
         return super().reports(now_s)
 
     def report(self) -> bytes:
-        """The frame that it sends now."""
+        """Return the frame that the page sends now."""
         self._sequence += 1
         frame = OperatorFrame(
             self._phone() if self.kind == "phone" else self._xr(),
@@ -160,7 +160,7 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         self._bad += self._nan
         if self._bad >= 1.0:
             self._bad -= 1.0
-            data[16:20] = b"\0\0\xc0\x7f"  # The first number, and it alone, is none.
+            data[16:20] = b"\0\0\xc0\x7f"  # Only the first number is NaN.
         return bytes(data)
 
     @property
@@ -171,13 +171,13 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
 
     @property
     def _north(self) -> Quaternion:
-        """Turns the robot's axes into the reference's."""
+        """Return the rotation from the robot's axes to the reference's."""
         half = 0.5 * self._north_rad
         return Quaternion(math.cos(half), 0.0, 0.0, math.sin(half))
 
     @property
     def _turn(self) -> Quaternion:
-        """Along the reference's axes."""
+        """Return the rotation of the device along the reference's axes."""
         turn = scale(Vector3(*self.axes[3:]), FULL_TURN_RAD)
         q = from_rotation_vector(rotate(self._north, turn))
         if self.jumped:

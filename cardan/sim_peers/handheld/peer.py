@@ -1,4 +1,4 @@
-"""A simulated page on the bus, as the console's server passes its frames on."""
+"""Simulated page on the bus, or as a page of a console server."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class PagePeerOptions(BusPeerOptions):
 
     @property
     def kind(self) -> HandheldKind:
-        """Kind of device whose page it is."""
+        """Kind of device of the page."""
         return "phone"
 
     @property
     def body_part(self) -> BodyPart:
-        """Which part of the body it shows."""
+        """Body part that carries the device."""
         return BodyPart.RIGHT
 
 
@@ -59,7 +59,7 @@ class XrPeerOptions(PagePeerOptions):
 
 
 def page_on_bus(device: SimulatedHandheld, options: PagePeerOptions) -> BusBackend:
-    """Backend of a page whose frames a console has already passed on to the bus."""
+    """Return the backend of a page whose frames a console has already passed on to the bus."""
 
     def feel(feedback: Mapping[str, Any]) -> None:
         device.rumble = feedback["intensity"]
@@ -76,7 +76,7 @@ def page_on_bus(device: SimulatedHandheld, options: PagePeerOptions) -> BusBacke
 
 
 class ConsoleBackend(DeviceBackend[bytes]):
-    """Is a page of a console."""
+    """Backend that is a page of a console."""
 
     def __init__(self, device: SimulatedHandheld, options: PagePeerOptions) -> None:
         self._device, self._options = device, options
@@ -84,12 +84,12 @@ class ConsoleBackend(DeviceBackend[bytes]):
 
     @property
     def endpoint(self) -> str:
-        """The console's."""
+        """URL of the console."""
         return self._options.console
 
     @property
     def there(self) -> bool:
-        """Whether the page is open."""
+        """True if the page is open."""
         return self._page is not None
 
     def appear(self) -> None:
@@ -114,7 +114,7 @@ class ConsoleBackend(DeviceBackend[bytes]):
         return 0.0 if self._page is None else self._page.due_s
 
     def attend(self, now_s: float) -> None:
-        """Take the server's messages."""
+        """Handle the server's messages."""
         if self._page is None or now_s < self._page.due_s:
             return
         self._page.attend(now_s)
@@ -124,7 +124,7 @@ class ConsoleBackend(DeviceBackend[bytes]):
 
 
 def wrapped(frame: bytes, age_s: float) -> bytes:
-    """A frame as the console's server publishes it."""
+    """Return a frame in the form that the console's server publishes."""
     message = default_message(FRAME)
     return codec_of(FRAME).encode({**message, "age": age_s, "frame": frame})
 

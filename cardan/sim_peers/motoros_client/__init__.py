@@ -1,4 +1,4 @@
-"""Defects of clients of MotoROS: what they make of the messages of one that has none."""
+"""Defects of clients of MotoROS, applied to the messages of a client without defects."""
 
 from cardan.sim_peers.motoros_client.defects import (
     MotorosClientDefects as MotorosClientDefects,

@@ -1,5 +1,5 @@
-"""Between a client of MotoROS and its connections: spoils what it says and hides from it what it
-hears, as a client with these defects would have it."""
+"""Filter between a client of MotoROS and its connections that alters its messages and hides
+received ones as a client with these defects would."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ from cardan.sim_peers.base import strikes
 
 PIECE_S = 1e-3
 OWN_SEQUENCE = 987_654
-"""Sequence number of requests that the client knows nothing of."""
+"""Sequence number of requests that the filter adds."""
 DOZES_EVERY_S = 0.5
 STATE_S = 0.025
 JUMP_EVERY, STARVES_EVERY = 50, 25
 STARTS = (MotionCommand.START_TRAJ_MODE, MotionCommand.START_VEL_MODE)
 STOPS = (MotionCommand.STOP_TRAJ_MODE, MotionCommand.STOP_VEL_MODE)
 TRUSTING = ("blind", "no-start", "takes-no-for-yes")
-"""Faults of clients that do not look at the status either."""
+"""Faults of clients that ignore the status too."""
 
 
 class Sent(NamedTuple):
@@ -53,21 +53,21 @@ class Sent(NamedTuple):
 
     data: bytes
     late_s: float | None = None
-    """How long after it was said it comes to the controller; None: at once."""
+    """Delay of the arrival at the controller; None: at once."""
     pretended: bool = False
-    """The client goes on as after this answer, without having asked."""
+    """The client continues as after this answer, without a request."""
 
 
 class MotorosClientDefects:
-    """Defects of one client. It is told times, s, that never go back."""
+    """Defects of one client. Times that it gets, s, never go back."""
 
     def __init__(self, faults: Mapping[str, float], arm: ArmModel) -> None:
-        """`faults`: values of `FAULTS`, by their names. `arm` is the one that is moved."""
+        """`faults`: values of `FAULTS`, by their names. `arm`: the arm that is moved."""
         self._faults = faults
         self._arm = arm
         self._requests = self._commands = self._sent = 0
         self._pending: Message | None = None
-        """The request that is open, for those who take any reply for its answer."""
+        """Open request, for clients that take any reply for its answer."""
         self._pending_s = math.inf
         self._point: JointTrajPtFull | None = None
         self._states: dict[int, Message] = {}
@@ -76,7 +76,7 @@ class MotorosClientDefects:
     # -- what the controller says -----------------------------------------------------------------
 
     def overlooked(self, data: bytes) -> bool:
-        """Whether the client does not understand what one read brought."""
+        """Return True if the client ignores the data of one read."""
         if "one-read" not in self._faults:
             return False
         found = FrameReader()
@@ -133,7 +133,7 @@ class MotorosClientDefects:
         return message._replace(body=body)
 
     def states_again(self, now_s: float) -> tuple[Message, ...]:
-        """The states that the client takes for new ones, where none come."""
+        """Return the states that the client takes for new ones although none arrive."""
         if "deaf" not in self._faults or now_s <= max(self._heard_s, self._repeated_s) + STATE_S:
             return ()
         self._repeated_s = now_s
@@ -154,7 +154,7 @@ class MotorosClientDefects:
         return self._written(request(MotionCtrl(0, OWN_SEQUENCE, command)), order)
 
     def asked_again(self, order: ByteOrder, now_s: float) -> Iterator[Sent]:
-        """The open request, where the client waits no longer for its answer."""
+        """Repeat the open request, if the client stops waiting for its answer."""
         again_s = 1e-3 * self._faults.get("impatient", math.inf)
         if self._pending is not None and now_s > self._pending_s + again_s:
             self._pending_s = now_s
@@ -192,7 +192,7 @@ class MotorosClientDefects:
         asks = comm_type == CommType.SERVICE_REQUEST
         if asks:
             comm_type = int(CommType.TOPIC) if "topics" in faults else comm_type
-            # The reply that is awaited is that to the message of the client.
+            # The awaited reply is that to the message of the client.
             self._pending, self._pending_s = message, now_s
             self._requests += 1
         yield from self._written(message._replace(comm_type=comm_type, body=body), order)
@@ -249,7 +249,7 @@ class MotorosClientDefects:
         return body._replace(vel=vel, sequence=sequence, valid_fields=fields)
 
     def _written(self, message: Message, order: ByteOrder) -> Iterator[Sent]:
-        """A message as the client writes it."""
+        """Yield a message in the form that the client writes it."""
         if "other-order" in self._faults:
             order = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
         data = wire(order).encode(message)
@@ -273,16 +273,16 @@ def _pretended(body: MotionReply | VelocityInfo, order: ByteOrder) -> Sent:
 
 
 def _success(body: MotionCtrl | JointVelocity, command: int, order: ByteOrder) -> Sent:
-    """That an order was obeyed, which the controller never got."""
+    """Return a success answer to an order that the controller never got."""
     done = MotionReply(body.group, body.sequence, command, MotionResult.SUCCESS, 0)
     return _pretended(done, order)
 
 
 def _shifted(values: Joints, by: float) -> Joints:
-    """With so much more of the first joint."""
+    """Return the values with the first joint shifted by `by`."""
     return (values[0] + by, *values[1:])
 
 
 def _asleep(now_s: float, for_s: float) -> bool:
-    """Whether a client sleeps that does so for `for_s` every DOZES_EVERY_S."""
+    """Return True if a client is asleep that sleeps for `for_s` every DOZES_EVERY_S."""
     return for_s > 0.0 and now_s % DOZES_EVERY_S < for_s

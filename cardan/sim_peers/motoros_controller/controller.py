@@ -1,7 +1,7 @@
 """The motion server of the simulated Motoman controller, sans I/O: messages in, answers out.
 
-`MotomanRobot` is the robot it serves. `MotorosServers` adds connections, framing, the state cycle
-and the I/O image.
+`MotomanRobot` is its robot. `MotorosServers` adds connections, framing, the state cycle and the I/O
+image.
 
 Sources: MotoROS 1.9.12 (MotionServer.c, Controller.c) and, for the velocity mode,
 docs/protocols/simple-message.md.
@@ -55,9 +55,9 @@ from cardan.sim_peers.motoros_controller.robot import (
 from cardan.sim_peers.motoros_controller.velocity import is_newer
 
 TASK_END_S = 0.05
-"""Time that the increment task goes on after the motion connection has ended."""
+"""Time that the increment task continues after the end of the motion connection."""
 LONGEST_TIME_S = 14400.0
-"""Points of type 14 are refused from here on."""
+"""Smallest time of a point of type 14 that is refused."""
 TOOLS = 64
 
 VELOCITY_VERSION = 1
@@ -72,7 +72,7 @@ _REFUSED_TYPES = frozenset(
         MessageType.MOTO_JOINT_FEEDBACK_EX,
     }
 )
-"""Known, but not served: the motion server closes the connection."""
+"""Known types that are not served: the motion server closes the connection."""
 _VELOCITY_TYPES = frozenset({MessageType.MOTO_JOINT_VELOCITY, MessageType.MOTO_JOINT_VELOCITY_EX})
 _TRAJECTORY_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
 _WAIT_S = 5.0
@@ -87,7 +87,7 @@ controller reports that motion is possible between 60 and 85 ms, and replies aft
 class MotorosController(MotomanRobot):
     """The motion server of a controller.
 
-    Call `advance` at `next_s`, hand each message of the motion connection to `motion` while not
+    Call `advance` at `next_s`, pass each message of the motion connection to `motion` while not
     `blocked`, and send the messages in `replies`.
     """
 
@@ -96,21 +96,21 @@ class MotorosController(MotomanRobot):
         self.replies: list[Message] = []
         """Answers to send, oldest first; the sender removes them."""
         self.close_requested = False
-        """The motion connection is to be closed; the code that closes it resets this."""
+        """The motion connection must be closed; the code that closes it resets this."""
         self.busy_answers = 0
-        """So many of the next points are answered BUSY, as while one is converted slowly."""
+        """Number of following points that are answered BUSY, as during a slow conversion."""
         self.refused_starts = 0
-        """So many of the next first points are refused, as of an arm that sags."""
+        """Number of following first points that are refused, as from a sagging arm."""
         self._connected = False
         self._last_reply = reply(MotionReply(0, 0, 0, 0, 0))
 
     # -- connections -------------------------------------------------------------------------------
 
     def connected(self, now_s: float) -> None:
-        """Take a new client of the motion port. Entries left in a queue are executed now."""
+        """Accept a new client of the motion port. Entries left in a queue are executed now."""
         self.advance(now_s)
         if self._connected or self._task_ends_s < math.inf:
-            # Its place is taken at once: the tasks end before the new ones begin.
+            # Its place is reused at once: the tasks end before the new ones begin.
             self._end_tasks()
         self._connected = self._task_runs = True
         self._task_ends_s = math.inf
@@ -122,10 +122,10 @@ class MotorosController(MotomanRobot):
             self._note("a new client; the queue still holds increments")
 
     def disconnected(self, now_s: float) -> None:
-        """The client of the motion port has gone.
+        """Handle the departure of the client of the motion port.
 
-        A request that waits is not served any further. A trajectory stops dead TASK_END_S later,
-        with its queue kept; the velocity mode ramps to zero and ends.
+        A waiting request is dropped. A trajectory stops abruptly TASK_END_S later and keeps its
+        queue; the velocity mode ramps to zero and ends.
         """
         self.advance(now_s)
         self._connected = False
@@ -174,8 +174,8 @@ class MotorosController(MotomanRobot):
             self._answer(message, -1, -1, MotionResult.INVALID, InvalidSubcode.MSGTYPE)
 
     def remember(self, answer: Message) -> None:
-        """A reply on the motion connection that another server made: MotoROS has one buffer for
-        all of them, and sends it again for an unknown command."""
+        """Store a reply that another server made on the motion connection: MotoROS has one buffer
+        for all of them, and sends it again for an unknown command."""
         self._last_reply = answer
 
     def _send(self, asked: Message, answer: Message) -> None:
@@ -201,7 +201,7 @@ class MotorosController(MotomanRobot):
         self._send(asked, reply(MotionReply(group, sequence, named, result, subcode, data)))
 
     def _reason(self) -> int:
-        """The NOT_READY subcode that applies."""
+        """Return the NOT_READY subcode that applies."""
         return not_ready_reason(
             self._seen, self._job_ready, self._collaborative_stop, self._increment_error
         )
@@ -209,7 +209,7 @@ class MotorosController(MotomanRobot):
     # -- points of trajectories --------------------------------------------------------------------
 
     def _refusal(self) -> int:
-        """Why no point is taken now, a NOT_READY subcode; 0 when one is."""
+        """Return why points are refused now, a NOT_READY subcode; 0 if they are accepted."""
         if not self.ready:
             return self._reason()
         return NotReadySubcode.OTHER_MODE_ACTIVE if self._velocity_on else 0
@@ -233,7 +233,7 @@ class MotorosController(MotomanRobot):
         self._answer(asked, point.group, point.sequence, result, subcode)
 
     def _wake_for_point(self, asked: Message, point: JointTrajPtFull) -> Steps:
-        """Whether the drives wake or not, point 0 is kept."""
+        """Wake the drives for point 0, which is kept even if they do not wake."""
         yield from self._wake()
         self._take_point(asked, point.sequence, point)
         return True
@@ -245,7 +245,7 @@ class MotorosController(MotomanRobot):
         point: JointTrajPtFull | JointFeedback,
         answered: bool = True,
     ) -> bool:
-        """Whether the point was taken; a refusal is always answered, success if `answered`."""
+        """Return True if the point was accepted; a refusal is answered, a success if `answered`."""
         group = self._groups[point.group]
         result, subcode = MotionResult.SUCCESS, 0
         if sequence < 0:
@@ -357,7 +357,7 @@ class MotorosController(MotomanRobot):
         elif command == MotionCommand.STOP_VEL_MODE and velocity_mode:
             self._stop_velocity_mode(asked, control)
         else:
-            # MotoROS has no branch for it: the buffer still holds the reply before.
+            # MotoROS has no branch for it: the buffer still holds the previous reply.
             self._send(asked, self._last_reply)
 
     def _done(
@@ -389,8 +389,8 @@ class MotorosController(MotomanRobot):
         return stopped
 
     def _stop_motion(self) -> Steps:
-        """Let the fillers come to an end, then empty the queues. The velocity mode ramps down and
-        latches instead, while this goes on at once."""
+        """Let the fillers finish, then empty the queues. The velocity mode ramps down and latches
+        instead, without waiting."""
         if self._velocity_on:
             self._latch()
         self._stopping = True
@@ -422,7 +422,7 @@ class MotorosController(MotomanRobot):
         return True
 
     def _reset_remotely(self) -> None:
-        """Errors, and those alarms that are not major."""
+        """Reset errors, and those alarms that are not major."""
         self._inputs.error = 0
         if self._inputs.alarm >= FIRST_MINOR_ALARM:
             self._inputs.alarm = 0
@@ -436,7 +436,7 @@ class MotorosController(MotomanRobot):
             self._poll()
 
     def _power(self) -> Steps:
-        """Servo on, waiting for it at most 5 s."""
+        """Switch the servos on; wait at most 5 s."""
         yield from self._wake()
         self._poll()
         if self._inputs.servo:
@@ -512,7 +512,7 @@ class MotorosController(MotomanRobot):
             waited_s += _CHECK_S
 
     def _begin_job(self) -> bool:
-        """Start INIT_ROS, if the controller lets a job be started."""
+        """Start INIT_ROS, if the controller allows a job to start."""
         inputs = self._inputs
         if not (inputs.play and inputs.remote and inputs.servo) or inputs.estop or inputs.hold:
             return False
@@ -530,7 +530,7 @@ class MotorosController(MotomanRobot):
         return True
 
     def _do_stop_trajectory_mode(self, asked: Message, control: MotionCtrl) -> Steps:
-        """STOP_TRAJ_MODE, and DISCONNECT, which closes the connection besides."""
+        """Execute STOP_TRAJ_MODE, or DISCONNECT, which also closes the connection."""
         stopped = False
         if not self.moving_data:
             stopped = yield from self._stop_motion()
@@ -626,7 +626,7 @@ class MotorosController(MotomanRobot):
     def _velocity_verdict(
         self, sequence: int, commands: tuple[JointFeedback, ...]
     ) -> tuple[int, int]:
-        """Result and subcode for these commands, all groups or none, in the order of the
+        """Return result and subcode for these commands, all groups or none, in the order of the
         specification's list."""
         not_ready, invalid = MotionResult.NOT_READY, MotionResult.INVALID
         if not self.ready:

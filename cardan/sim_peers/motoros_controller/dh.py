@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg parameters of any serial arm, from where its joint axes are.
+"""Denavit-Hartenberg parameters of any serial arm, from its joint axes.
 
 The classical convention: frame i sits on the axis of joint i + 1, x along the common normal of
 the axes before and after link i, and link i is Rot_z(theta + q) Trans_z(d) Trans_x(a) Rot_x(alpha)
@@ -31,7 +31,7 @@ class DhTable(NamedTuple):
 
 
 def dh_table(arm: ArmModel) -> DhTable:
-    """The parameters of `arm`; lengths in m, angles in rad."""
+    """Return the parameters of `arm`; lengths in m, angles in rad."""
     points, axes = [], []
     pose = IDENTITY_POSE
     for joint in arm.joints:
@@ -54,7 +54,7 @@ def dh_table(arm: ArmModel) -> DhTable:
 
 
 def _unit_a_cross(vector: Vector3, axis: Vector3) -> Vector3 | None:
-    """The direction of `vector` across `axis`; None when it has none."""
+    """Return the unit component of `vector` across `axis`; None if it is zero."""
     across = subtract(vector, scale(axis, dot(vector, axis)))
     length = norm(across)
     return scale(across, 1.0 / length) if length > _PARALLEL else None
@@ -63,19 +63,19 @@ def _unit_a_cross(vector: Vector3, axis: Vector3) -> Vector3 | None:
 def _common_normal(
     origin: Vector3, x: Vector3, z: Vector3, point: Vector3, axis: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """Direction of the common normal of two axes, and its foot on the second."""
+    """Return the direction of the common normal of two axes, and its foot on the second."""
     normal = cross(z, axis)
     sine = norm(normal)
     between = subtract(point, origin)
     if sine < _PARALLEL:
-        # Parallel axes have many; the one through `origin` makes d zero.
+        # Parallel axes have many normals; the one through `origin` makes d zero.
         across = subtract(between, scale(z, dot(between, z)))
         length = norm(across)
         if length < _COINCIDENT_M:
             return x, point
         return scale(across, 1.0 / length), add(origin, across)
     x_next = scale(normal, 1.0 / sine)
-    # Where the second axis passes the first one most closely.
+    # Point of the second axis closest to the first.
     along = dot(cross(between, z), normal) / (sine * sine)
     foot = add(point, scale(axis, along))
     a = dot(between, x_next)

@@ -1,4 +1,4 @@
-"""Faults of the simulated Motoman: of its robot, of its network and servers, events of a cell."""
+"""Faults of the simulated Motoman: robot, network, servers, and events of a cell."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """A control group: from points of a trajectory to the pulses commanded in each IPC.
 
-As MotoROS 1.9.12 does it (MotionServer.c): a point becomes increments of one IPC each, a queue
-holds them, and every IPC one is taken. Nothing here has a clock; `fill` and `take` are called once
-an IPC.
+Follows MotoROS 1.9.12 (MotionServer.c): a point becomes increments of one IPC each in a queue, and
+each IPC takes one. It keeps no clock; `fill` and `take` are called once an IPC.
 """
 
 from __future__ import annotations
@@ -16,22 +15,22 @@ from typing import NamedTuple
 from cardan.protocols.simple_message.codes import InvalidSubcode
 
 START_PULSES = 30
-"""Point 0 must be this near the commanded position; beyond it an axis counts as in motion."""
+"""Largest distance of point 0 from the commanded position; also the threshold of motion."""
 
 _REFUSED_SPEED = 1.1
-"""Increments above this share of an axis's highest speed the controller does not execute."""
+"""Share of an axis's highest speed above which the controller refuses increments."""
 
 _LONGEST_MS = 2**31 - 1
 _NO_INTEGER = -(2**31)
-"""C's conversion of a number that no integer can hold, on x86; it differs on other processors."""
+"""Result of C's conversion of a number too large for an integer on x86; other processors differ."""
 _SINGLE = struct.Struct("<f")
 
 
 def milliseconds(time_s: float) -> int:
-    """Whole ms of a time on the wire: the product in single precision, then truncated.
+    """Return the whole ms of a time on the wire: the product in single precision, truncated.
 
-    So 0.6 to 1 % of the times on a grid of 1 ms come out 1 ms low, as on the controller. Times
-    that do not fit, and NaN, are the longest that do.
+    0.6 to 1 % of the times on a grid of 1 ms become 1 ms low, as on the controller. Times out of
+    range, and NaN, become the longest time.
     """
     if not abs(time_s) < _LONGEST_MS / 1000:
         return int(math.copysign(_LONGEST_MS, time_s))
@@ -40,12 +39,13 @@ def milliseconds(time_s: float) -> int:
 
 
 def _finite(time_s: float, joints_rad: list[float], speeds_rad_s: list[float]) -> bool:
-    """MotoROS does not look; see 3010 in docs/simulated-peers.md."""
+    """Return True if all are finite. MotoROS does not check; see 3010 in
+    docs/simulated-peers.md."""
     return math.isfinite(time_s) and all(map(math.isfinite, (*joints_rad, *speeds_rad_s)))
 
 
 def _too_fast(speed_rad_s: float, highest_rad_s: float) -> bool:
-    """The C code takes the whole part before it compares."""
+    """Return True if too fast by the C code, which truncates the speed first."""
     return abs(int(speed_rad_s)) > highest_rad_s
 
 
@@ -60,7 +60,7 @@ class _Start(NamedTuple):
 
 
 class _Segment:
-    """The way from one point to the next, as far as it is converted."""
+    """Segment between two points, with its conversion so far."""
 
     __slots__ = ("cubics", "end_ms", "first_ms", "now_ms", "step_ms")
 
@@ -71,9 +71,9 @@ class _Segment:
 
 
 class ControlGroup:
-    """Axes that move together. Positions in pulses, those of points in rad (m).
+    """Axes that move together. Positions are in pulses, those of points in rad (m).
 
-    `lower` and `upper` are where the controller's own limit check refuses increments.
+    `lower` and `upper` are the limits of the controller's own check of increments.
     """
 
     def __init__(
@@ -107,14 +107,14 @@ class ControlGroup:
         self.queue: deque[tuple[int, list[int]]] = deque()
         """Trajectory time in ms, and the pulses to go."""
         self.has_data = False
-        """A point is being converted, so that the next one is answered with BUSY."""
+        """True while a point is converted; the next one is answered BUSY."""
         self._time_ms = 0
         self._position = list(start_rad)
         self._speed = [0.0] * self.axes
         self._todo: tuple[int, list[float], list[float]] = (0, [], [])
         self._segment: _Segment | None = None
         self._overwritten: _Start | None = None
-        """A point 0 that came while the filler waited inside a segment."""
+        """Point 0 that arrived while the filler waited inside a segment."""
         self._left_ms = 0
         self._previous = list(self.command)
         self._queue_time_ms = 0
@@ -128,8 +128,8 @@ class ControlGroup:
     # -- points -----------------------------------------------------------------------------------
 
     def pulses(self, joints_rad: Sequence[float]) -> list[int]:
-        """Joints in pulses, truncated toward zero. A NaN, or a value too large for an integer of
-        the controller, becomes one to which it executes no increments."""
+        """Convert joints to pulses, truncated toward zero. A NaN, or a value too large for an
+        integer of the controller, becomes one to which it executes no increments."""
         return [
             int(pulses) if -_LONGEST_MS <= (pulses := q * each) <= _LONGEST_MS else _NO_INTEGER
             for q, each in zip(joints_rad, self.pulses_per_rad, strict=False)
@@ -138,12 +138,12 @@ class ControlGroup:
     def begin(
         self, time_s: float, joints_rad: Sequence[float], speeds_rad_s: Sequence[float]
     ) -> int:
-        """Point 0. 0, or the InvalidSubcode it is refused with.
+        """Begin with point 0. Return 0, or the InvalidSubcode of a refusal.
 
-        As in MotionServer.c all of it is kept before anything is checked, a refused one too: the
-        points that follow go on from it, with the whole way from the command to it in their first
-        increment. While the filler waits for room in the queue its next sample undoes that. The
-        axes are checked one after the other, the position of each before its speed.
+        As in MotionServer.c the point is stored before any check, even if it is refused: later
+        points continue from it, with the whole distance from the command in their first increment.
+        If the filler waits for room in the queue, its next sample undoes that. The axes are checked
+        one after the other, the position of each before its speed.
         """
         axes = self.axes
         joints, speeds = list(joints_rad[:axes]), list(speeds_rad_s[:axes])
@@ -169,8 +169,8 @@ class ControlGroup:
         self._time_ms, self._position, self._speed, self._previous = start
 
     def add(self, time_s: float, joints_rad: Sequence[float], speeds_rad_s: Sequence[float]) -> int:
-        """Any further point, while `has_data` is False. 0, or the InvalidSubcode it is refused
-        with, which changes nothing."""
+        """Add a further point, while `has_data` is False. Return 0, or the InvalidSubcode of a
+        refusal, which changes nothing."""
         axes = self.axes
         joints, speeds = list(joints_rad[:axes]), list(speeds_rad_s[:axes])
         if not _finite(time_s, joints, speeds):
@@ -185,7 +185,7 @@ class ControlGroup:
     # -- the filler -------------------------------------------------------------------------------
 
     def fill(self, ready: bool) -> None:
-        """Convert as much of the point as the queue has room for; drop it unless `ready`."""
+        """Convert as much of the point as fits in the queue; drop it unless `ready`."""
         if not self.has_data:
             return
         if not ready:
@@ -244,7 +244,7 @@ class ControlGroup:
         return segment
 
     def _drop_point(self) -> None:
-        """Drop the point and its speed where it is, since no next point continues from it."""
+        """Drop the point and its speed in place, since no next point continues from it."""
         segment = self._segment
         if segment is not None:
             tau = (segment.now_ms - segment.first_ms) * 0.001
@@ -261,7 +261,7 @@ class ControlGroup:
 
     @property
     def holding_data(self) -> bool:
-        """The queue holds increments, or pulses are owed."""
+        """True if the queue holds increments, or pulses are owed."""
         return bool(self.queue) or self.owes
 
     def take(self, resend: bool) -> list[int]:
@@ -297,7 +297,7 @@ class ControlGroup:
         return increments
 
     def refuses(self, increments: Sequence[int]) -> bool:
-        """Whether the controller would not execute these: too fast, or out of an axis's range."""
+        """Return True if the controller would refuse these: too fast, or out of an axis's range."""
         if increments is self._zeros:
             return False
         for pulses, most, now, lower, upper in zip(
@@ -323,7 +323,7 @@ class ControlGroup:
         return [int(pulses * scale) for pulses in increments]
 
     def execute(self, increments: Sequence[int], resend: bool) -> None:
-        """Add to the command. With `resend`, pulses from `take` that are missing here stay owed."""
+        """Add the increments to the command. With `resend`, missing pulses of `take` stay owed."""
         command = self.command
         for axis, pulses in enumerate(increments):
             command[axis] += pulses
@@ -334,7 +334,7 @@ class ControlGroup:
             self.owes = any(owed)
 
     def clear(self) -> None:
-        """Empty the queue and forget the point and owed pulses."""
+        """Empty the queue and discard the point and owed pulses."""
         self.queue.clear()
         if self.has_data:
             self._drop_point()

@@ -1,4 +1,4 @@
-"""MotoROS's view of the controller around it: status inputs, and whether motion is possible.
+"""MotoROS's view of its controller: status inputs, and the condition for motion.
 
 Source: MotoROS 1.9.12, Controller.c; the order of the reasons is that of its not-ready subcodes.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from cardan.protocols.simple_message.codes import NotReadySubcode
 
 POLL_S = 0.010
-"""The inputs are read this often."""
+"""Poll period of the inputs."""
 
 
 @dataclass(kw_only=True, slots=True)
@@ -36,17 +36,17 @@ class Inputs:
     collaborative_stop: bool = False
 
     def copy(self) -> Inputs:
-        """The inputs as they are now."""
+        """Return a copy of the present inputs."""
         return copy.copy(self)
 
     @property
     def drives_powered(self) -> bool:
-        """Servo on, and not saving energy."""
+        """True with the servos on and without energy saving."""
         return self.servo and not self.energy_saving
 
     @property
     def moves(self) -> bool:
-        """Whether the controller executes increments at all."""
+        """True if the controller executes increments at all."""
         return (
             self.operating
             and self.waiting
@@ -66,7 +66,7 @@ class Inputs:
 def not_ready_reason(
     inputs: Inputs, job_ready: bool, collaborative_stop: bool, increment_error: bool
 ) -> NotReadySubcode:
-    """Why motion is not possible: the first reason in MotoROS's order."""
+    """Return the first reason in MotoROS's order why motion is not possible."""
     reasons = (
         (inputs.alarm, NotReadySubcode.ALARM),
         (inputs.error, NotReadySubcode.ERROR),
@@ -83,5 +83,5 @@ def not_ready_reason(
     for applies, reason in reasons:
         if applies:
             return reason
-    # MotoROS gives this subcode in all other cases, though it says SKILLSEND.
+    # MotoROS gives this subcode in all other cases, although its name is SKILLSEND.
     return NotReadySubcode.SKILLSEND

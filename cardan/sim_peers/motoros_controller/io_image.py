@@ -34,7 +34,7 @@ FIRST_REGISTER = 1_000_000
 LARGEST_REGISTER_VALUE = 0xFFFF
 LARGEST_GROUP_VALUE = 0xFF
 LAST_BIT = 7
-"""Bit addresses end in 0 to 7: a group of eight is ten apart from the next."""
+"""Bit addresses end in 0 to 7: the next group of eight begins ten higher."""
 
 BIT_AND_GROUP_TYPES = frozenset(
     (
@@ -48,10 +48,10 @@ REGISTER_TYPES = frozenset((MessageType.MOTO_READ_MREGISTER, MessageType.MOTO_WR
 
 
 class IoImage:
-    """The state of every bit and register; bits that were not set are off, registers 0.
+    """State of all bits and registers; initially bits are off and registers 0.
 
-    `signals` gives the bits that the controller itself drives, by address; they override values
-    that a client wrote there.
+    `signals` returns the bits that the controller itself drives, by address; they override values
+    written by clients.
     """
 
     def __init__(self, signals: Callable[[], Mapping[int, bool]]) -> None:
@@ -60,8 +60,8 @@ class IoImage:
         self._registers: dict[int, int] = {}
 
     def set_input(self, address: int, value: bool) -> None:
-        """Set a bit as the cell's wiring would, whatever clients may write. ScriptError names a
-        wrong address."""
+        """Set a bit as the cell's wiring would, even one that clients may not write. Raises
+        ScriptError for a wrong address."""
         if not _readable(address):
             raise ScriptError(
                 f"input {address}: there is no such bit; the last digit is 0 to 7, and there are "
@@ -70,13 +70,13 @@ class IoImage:
         self._set(address, value)
 
     def read_bit(self, address: int) -> ReadIoReply:
-        """0 or 1, and a result."""
+        """Read a bit: 0 or 1, and a result."""
         if not _readable(address):
             return ReadIoReply(0, IoResult.READ_ADDRESS_INVALID)
         return ReadIoReply(int(self._bit(address, self._signals())), IoResult.OK)
 
     def read_group(self, group: int) -> ReadIoReply:
-        """Eight bits from address 10 * `group` on, the lowest first, and a result."""
+        """Read eight bits from address 10 * `group` on, the lowest first, and a result."""
         first = 10 * group
         if not _readable(first):
             return ReadIoReply(0, IoResult.READ_ADDRESS_INVALID)
@@ -105,7 +105,7 @@ class IoImage:
         return WriteIoReply(IoResult.OK)
 
     def read_register(self, register: int) -> ReadRegisterReply:
-        """An M register, by its number or by its address."""
+        """Read an M register, by its number or by its address."""
         number = _register(register)
         if not 0 <= number < READABLE_REGISTERS:
             return ReadRegisterReply(0, IoResult.READ_ADDRESS_INVALID)
@@ -122,7 +122,7 @@ class IoImage:
         return WriteRegisterReply(IoResult.OK)
 
     def answer(self, message: Message) -> Message | None:
-        """The reply to a message about inputs, outputs or registers; None when it is none."""
+        """Return the reply to a message about inputs, outputs or registers; None for others."""
         body, msg_type = message.body, message.msg_type
         found: Body
         if isinstance(body, ReadIo):

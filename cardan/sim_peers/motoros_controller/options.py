@@ -32,16 +32,16 @@ _Takes = Annotated[float, TAKES_S]
 _EachAxis = tuple[Annotated[float, bounds.POSITIVE], ...]
 
 PULSES_PER_TURN_OF_MOTOR = 4096
-"""Encoder counts per turn of a motor; they give the default `pulses_per_rad`."""
+"""Encoder counts per turn of a motor; basis of the default `pulses_per_rad`."""
 _GEAR_RATIOS = (100.0, 120.0, 100.0, 80.0, 80.0, 50.0, 60.0, 60.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotorosControllerOptions(Options):
-    """How the simulated controller is set up."""
+    """Settings of the simulated controller."""
 
     robot: str = "gp8"
-    """A name or file as :func:`cardan.robots.load_arm` takes it."""
+    """Name or file of the arm, for :func:`cardan.robots.load_arm`."""
     groups: Annotated[int, GROUPS] = option(
         1, "Control groups, each with such an arm.", metavar="1..4"
     )
@@ -58,7 +58,7 @@ class MotorosControllerOptions(Options):
     plant: Literal["ideal", "paper"] | PlantModel = option(
         "ideal", "paper: the arm lags as in Baklouti et al. 2021."
     )
-    """How the arm follows its command: one of PLANTS, or one's own."""
+    """Lag of the arm behind its command: a name from PLANTS, or a custom model."""
     ipc_s: Annotated[float, IPC_S] = 0.004
     """Interpolation period, whole ms."""
     queue_increments: Annotated[int, QUEUE_INCREMENTS] = 200
@@ -73,13 +73,13 @@ class MotorosControllerOptions(Options):
     """Joints at the start, rad or m; None: the arm's home."""
 
     job_start_s: _Takes = 0.11
-    """Duration of START_TRAJ_MODE with the servos on; from about two thirds of it on motion is
+    """Duration of START_TRAJ_MODE with the servos on; after about two thirds of it motion is
     possible."""
     servo_on_s: _Takes = 1.0
     """Time from the order to power the drives until they have power."""
     servo_off_s: _Takes = 0.05
     eco_wake_s: _Takes = 0.2
-    """Leaving energy saving."""
+    """Time to leave energy saving."""
 
     acceleration_limits: _EachAxis | None = None
     """Highest acceleration of each axis in velocity mode, rad/s²; None: the arm model's."""
@@ -87,13 +87,13 @@ class MotorosControllerOptions(Options):
     """Highest speed of each axis, rad/s; None: the arm model's."""
     servo_on: bool = option(False, "Its drives have power from the start.")
     play: bool = True
-    """At the start, as the one below."""
+    """Initial state, like the next field."""
     remote: bool = True
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by name, from `cardan.sim_peers.base.parse_faults`."""
     seed: int = 0
     log: str = option("", "A CSV row for each interpolation cycle.", metavar="FILE")
-    """Empty: none is kept."""
+    """File of the log; empty: none."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,17 +116,17 @@ class MotorosControllerOptions(Options):
 
     @property
     def arm(self) -> ArmModel:
-        """The arm of every group."""
+        """Arm of every group."""
         return load_arm(self.robot)
 
     @property
     def plant_model(self) -> PlantModel:
-        """How the arm follows its command."""
+        """Lag of the arm behind its command."""
         return self.plant if isinstance(self.plant, PlantModel) else PLANTS[self.plant]
 
     @property
     def old_firmware(self) -> bool:
-        """The switch "old-firmware"."""
+        """True with the switch "old-firmware"."""
         return self.faults.get("old-firmware", 0.0) != 0.0
 
     @property

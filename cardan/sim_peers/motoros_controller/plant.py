@@ -1,8 +1,8 @@
 """The lag from the commanded to the measured position of an axis.
 
-A pure dead time, the controller's averaging filter and the servo as a first-order lag, one after
-the other. Behind a ramp the arm is dead_time + (N - 1)/2 · IPC + lag and one IPC late, with N
-entries in the average.
+A series of a pure dead time, the controller's averaging filter, and the servo as a first-order lag.
+On a ramp the arm lags by dead_time + (N - 1)/2 · IPC + lag and one IPC, with N entries in the
+average.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _Delay = Annotated[float, DELAY_S]
 
 
 class PlantModel(NamedTuple):
-    """How an arm follows its command. Times in s; each is rounded to whole IPCs but the lag."""
+    """Lag of an arm behind its command. Times in s, rounded to whole IPCs except `lag_s`."""
 
     dead_time_s: _Delay = 0.0
     average_s: _Delay = 0.0
@@ -31,12 +31,12 @@ class PlantModel(NamedTuple):
 PLANTS: Mapping[str, PlantModel] = {
     "ideal": PlantModel(),
     # GP8 on a YRC1000 (Baklouti et al. 2021): 0.268 s behind a ramp fits both of the paper's
-    # delays. How it divides is not published. The part that does not end in a finite time, the
-    # lag, decides how long the standard driver waits between two trajectories: with 66 ms that
-    # driver would be 0.70 s behind its goal and not the published 0.55 s, with 10 ms it is 0.56 s.
+    # delays. Its division is not published. The lag, which has no finite end, determines how long
+    # the standard driver waits between two trajectories: with 66 ms that driver would be 0.70 s
+    # behind its goal and not the published 0.55 s, with 10 ms it is 0.56 s.
     "paper": PlantModel(dead_time_s=0.2, average_s=0.112, lag_s=0.01),
 }
-"""Presets. ideal: the measured position is the command of one IPC before."""
+"""Presets. ideal: the measured position is the previous IPC's command."""
 
 
 class Plant:
@@ -48,7 +48,7 @@ class Plant:
 
     def __init__(self, model: PlantModel, ipc_s: float, start: Sequence[int]) -> None:
         self._averaged = max(1, round(model.average_s / ipc_s))
-        # Backward Euler: behind a ramp this is late by exactly the time constant.
+        # Backward Euler: on a ramp the delay is exactly the time constant.
         self._share = ipc_s / (model.lag_s + ipc_s)
         dead = 1 + round(model.dead_time_s / ipc_s)
         first = list(start)
@@ -59,10 +59,10 @@ class Plant:
         self._still = 0
         self.measured = [float(pulses) for pulses in first]
         self.change = [0.0] * len(first)
-        """Since the IPC before, pulses."""
+        """Motion in the last IPC, pulses."""
 
     def step(self, command: Sequence[int]) -> None:
-        """Run one IPC in which the axes are commanded to `command`, which is copied."""
+        """Run one IPC with the command `command`, which is copied."""
         waiting, measured = self._waiting, self.measured
         if command == waiting[-1]:
             self._still += 1
@@ -87,7 +87,7 @@ class Plant:
         for axis, (new, old) in enumerate(zip(arrived, left, strict=True)):
             total = sums[axis] = sums[axis] + new - old
             change = share * (total / count - measured[axis])
-            # An exponential never arrives; a thousandth of a pulse is there.
+            # An exponential never arrives; a thousandth of a pulse counts as arrival.
             if -1e-3 < change < 1e-3 and new * count == total:
                 change = new - measured[axis]
             self.change[axis] = change

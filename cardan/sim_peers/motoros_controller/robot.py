@@ -4,8 +4,7 @@
 tasks of the server wait, and every interpolation period (IPC) the arm is commanded and follows.
 
 Sources: MotoROS 1.9.12 (Controller.c, CtrlGroup.c, MotionServer.c) and, for the velocity mode,
-docs/protocols/simple-message.md. Where MotoROS leaves something to the controller that it
-runs on, this is decided so:
+docs/protocols/simple-message.md. Decisions for behavior that MotoROS leaves to the controller:
 
 - An increment more than a tenth above an axis's highest speed, or out of its range, is refused,
   which latches INC_MOVE_ERROR. Increments that come while an input forbids motion are not executed
@@ -38,7 +37,7 @@ from cardan.sim_peers.motoros_controller.plant import Plant
 from cardan.sim_peers.motoros_controller.velocity import GroupVelocityStream, VelocityLaw
 
 BURST_S = 0.1
-"""Most time that is made up for after a stall; the rest is left out."""
+"""Longest time that is made up for after a stall; the rest is skipped."""
 DEFAULT_WATCHDOG_MS = 100.0
 FIRST_MINOR_ALARM = 4000
 FIRST_SIGNAL = 11120
@@ -48,7 +47,7 @@ _TOLERANCE_S = 1e-9
 _KEPT_EVENTS = 1000
 
 Steps = Generator[float, None, bool]
-"""A server's task that waits: it yields for how long, and returns whether it succeeded."""
+"""Waiting task of a server: it yields how long to wait, and returns whether it succeeded."""
 
 
 class MotomanRobot:
@@ -100,7 +99,7 @@ class MotomanRobot:
         """Inputs at the last poll."""
         self._job_ready = False
         self._suspended = False
-        """Old firmware: the job goes on when play is back."""
+        """Old firmware: the job continues when play is back."""
         self._collaborative_stop = False
         self._increment_error = False
         self._stopping = False
@@ -140,7 +139,7 @@ class MotomanRobot:
 
     @property
     def next_s(self) -> float:
-        """When `advance` has something to do next; -inf before the first call."""
+        """Time of the next work of `advance`; -inf before the first call."""
         if self._now_s == -math.inf:
             return -math.inf
         timer_s = self._timers[0][0] if self._timers else math.inf
@@ -215,11 +214,11 @@ class MotomanRobot:
 
     @property
     def moving_data(self) -> bool:
-        """Whether a queue has increments or a command moves the arm: no other client is let in."""
+        """True if a queue has increments or a command moves the arm: it refuses further clients."""
         return any(group.holding_data for group in self._groups) or not self._still
 
     def status(self) -> RobotStatus:
-        """ROBOT_STATUS."""
+        """Return ROBOT_STATUS."""
         seen = self._seen
         lagging = any(
             abs(measured - command) > START_PULSES
@@ -237,7 +236,7 @@ class MotomanRobot:
         )
 
     def feedback(self, group: int) -> JointFeedback:
-        """JOINT_FEEDBACK of one group, from its encoders."""
+        """Return JOINT_FEEDBACK of one group, from its encoders."""
         plant = self._plants[group]
         speeds = ZEROS
         if self._fields & ValidFields.VELOCITY:
@@ -250,7 +249,7 @@ class MotomanRobot:
         )
 
     def signals(self) -> Mapping[int, bool]:
-        """MotoROS's feedback outputs by bit address; the first two are those of INIT_ROS."""
+        """Return MotoROS's feedback outputs by bit address; the first two are those of INIT_ROS."""
         connections = self.connections
         values = (
             self._inputs.waiting,
@@ -266,7 +265,7 @@ class MotomanRobot:
 
     @property
     def ready(self) -> bool:
-        """MotoROS's motion-ready predicate, from the inputs as the last poll saw them."""
+        """Return MotoROS's motion-ready predicate for the inputs at the last poll."""
         seen = self._seen
         return (
             self._job_ready
@@ -277,7 +276,7 @@ class MotomanRobot:
 
     @property
     def motion_possible(self) -> bool:
-        """Whether a command would act: not while the velocity mode ends, nor while the stream of
+        """True if a command would act: not while the velocity mode ends, nor while the stream of
         any group is latched."""
         return (
             self.ready and not self._leaving and not any(stream.latched for stream in self._streams)
@@ -297,15 +296,15 @@ class MotomanRobot:
 
     @property
     def worst_lateness_s(self) -> float:
-        """By how much the latest velocity command trailed the promptest, by its sender's time."""
+        """Largest delay of a velocity command relative to the fastest one, by its sender's time."""
         return max(stream.worst_lateness_s for stream in self._streams)
 
     def command_pulses(self, group: int) -> tuple[int, ...]:
-        """The commanded position."""
+        """Return the commanded position, pulses."""
         return tuple(self._groups[group].command)
 
     def command_rad(self, group: int) -> tuple[float, ...]:
-        """The commanded position, rad or m."""
+        """Return the commanded position, rad or m."""
         return tuple(
             pulses / each
             for pulses, each in zip(self._groups[group].command, self._per_rad, strict=True)
@@ -319,7 +318,7 @@ class MotomanRobot:
         )
 
     def velocity_rad_s(self, group: int) -> tuple[float, ...]:
-        """The commanded speed: the velocity mode's, else that of the last increments."""
+        """Return the commanded speed: the velocity mode's, else that of the last increments."""
         if self._velocity_on:
             return tuple(self._laws[group].velocity)
         return tuple(
@@ -328,17 +327,17 @@ class MotomanRobot:
         )
 
     def queue_count(self, group: int) -> int:
-        """Increments in the queue."""
+        """Return the number of increments in the queue."""
         return len(self._groups[group].queue)
 
     def tool(self, group: int) -> int:
-        """The tool that SELECT_TOOL chose."""
+        """Return the tool that SELECT_TOOL chose."""
         return self._groups[group].tool
 
     @property
     def velocity_moves(self) -> bool:
-        """The velocity mode has the arm in motion: no other client is accepted, not even at a port
-        that is free again."""
+        """True while the velocity mode moves the arm: no other client is accepted, not even at a
+        port that is free again."""
         return not self._still
 
     @property
@@ -359,7 +358,7 @@ class MotomanRobot:
         self._stop_job()
 
     def release_emergency_stop(self, now_s: float) -> None:
-        """Pull it out again; the servos stay off."""
+        """Release the emergency stop; the servos stay off."""
         self._happens(now_s, "emergency stop released")
         self._inputs.estop = False
 
@@ -372,7 +371,7 @@ class MotomanRobot:
         self._stop_job()
 
     def error(self, code: int, now_s: float) -> None:
-        """Raise an error, which is less than an alarm; it stops the job too."""
+        """Raise an error, which is less severe than an alarm; it stops the job too."""
         self._happens(now_s, f"error {code}")
         self._inputs.error = code
         self._stop_job()
@@ -414,24 +413,24 @@ class MotomanRobot:
             self._stop_job()
 
     def hold(self, on: bool, now_s: float) -> None:
-        """Press or release hold; the job does not go on by itself."""
+        """Press or release hold; the job does not continue by itself."""
         self._happens(now_s, f"hold {'on' if on else 'off'}")
         self._inputs.hold = on
         if on:
             self._stop_job()
 
     def energy_saving(self, on: bool, now_s: float) -> None:
-        """The drives go to sleep after long standstill, or are woken."""
+        """Enter or leave energy saving, as after a long standstill."""
         self._happens(now_s, f"energy saving {'on' if on else 'off'}")
         self._inputs.energy_saving = on
 
     def collaborative_stop(self, now_s: float) -> None:
-        """The arm touches a person; latched until START_TRAJ_MODE."""
+        """Simulate contact with a person; latched until START_TRAJ_MODE."""
         self._happens(now_s, "collaborative stop")
         self._inputs.collaborative_stop = True
 
     def speed_limit(self, fraction: float | None, now_s: float) -> None:
-        """The functional safety unit lets this share of the axes' speeds through; None: all."""
+        """Limit the axes' speeds to this share by the functional safety unit; None: no limit."""
         if fraction is not None and not 0.0 <= fraction <= 1.0:
             raise ValueError(f"speed limit {fraction!r} is not within 0 to 1")
         self._happens(now_s, "no speed limit" if fraction is None else f"speed limit {fraction:g}")
@@ -460,7 +459,7 @@ class MotomanRobot:
 
     @property
     def blocked(self) -> bool:
-        """Whether the motion server waits inside a message and takes no other one."""
+        """True while the motion server waits inside a message and accepts no other."""
         return self._steps is not None
 
     def _start(self, steps: Steps) -> None:
@@ -481,23 +480,23 @@ class MotomanRobot:
         self._resume_s = self._now_s + delay_s
 
     def _abandon(self) -> None:
-        """End the task that waits where it is."""
+        """End the waiting task in place."""
         self._steps, self._resume_s, self._stopping = None, math.inf, False
 
     def _end_tasks(self) -> None:
-        """The increment task and the fillers."""
+        """End the increment task and the fillers."""
         self._task_runs = False
         self._task_ends_s = math.inf
         for group in self._groups:
             if group.has_data:
-                # The filler is deleted, as a controller that is not ready does, too.
+                # The filler is deleted, as in a controller that is not ready.
                 group.fill(False)
             group.forget_owed()
 
     # -- polls and IPCs ----------------------------------------------------------------------------
 
     def _poll(self) -> None:
-        """Take over the inputs, and react to changes as MotoROS does."""
+        """Read the inputs, and react to changes as MotoROS does."""
         inputs, before = self._inputs, self._seen
         if inputs.collaborative_stop:
             inputs.collaborative_stop = False
@@ -600,8 +599,8 @@ class MotomanRobot:
 
     @property
     def log_columns(self) -> tuple[str, ...]:
-        """Columns of a row of `log`. The age is that of the newest accepted command; counts are of
-        velocity messages since the start."""
+        """Return the columns of a row of `log`. The age is that of the newest accepted command;
+        counts are of velocity messages since the start."""
         names = self.arm.joint_names
         return (
             "monotonic_s",
@@ -631,8 +630,8 @@ class MotomanRobot:
     # -- streams of velocities ---------------------------------------------------------------------
 
     def _take_velocity(self, sequence: int, command: JointFeedback) -> None:
-        """Sequence 0 arms, whatever was before. The sender's time does not decide about stale
-        commands, the sequence does; it tells how late they come."""
+        """Accept a velocity; sequence 0 arms in any state. The sequence and not the sender's time
+        decides which commands are stale; the time gives their delay."""
         stream, now_s = self._streams[command.group], self._now_s
         if sequence == 0:
             stream.armed, stream.latched = True, False
@@ -655,8 +654,8 @@ class MotomanRobot:
             stream.worst_lateness_s = max(stream.worst_lateness_s, offset_s - stream.offset_s)
 
     def _statistics(self, groups: Iterable[int]) -> Joints:
-        """Statistics of the commands since the last reply: limited axes of any of these groups,
-        the greatest age, all overwritten ones.
+        """Return statistics of the commands since the last reply: limited axes of any of these
+        groups, the greatest age, all overwritten ones.
 
         The command of this reply acts from the next IPC on and is not among them.
         """
@@ -678,12 +677,12 @@ class MotomanRobot:
             stream.disarm()
 
     def _latch(self) -> None:
-        """Every armed group ramps to zero, and takes nothing but sequence 0."""
+        """Ramp every armed group to zero; from then on accept only sequence 0."""
         for stream in self._streams:
             stream.disarm(latched=True)
 
     def _end_velocity_mode(self) -> None:
-        """Leave it at standstill, which is now or at the end of a ramp."""
+        """Leave the velocity mode at standstill, now or at the end of a ramp."""
         self._forget_commands()
         if self._still:
             self._leave_velocity_mode()
@@ -691,7 +690,7 @@ class MotomanRobot:
             self._leaving = True
 
     def _leave_velocity_mode(self) -> None:
-        """At once."""
+        """Leave the velocity mode at once."""
         if self._velocity_on:
             for group, law in zip(self._groups, self._laws, strict=True):
                 law.halt()

@@ -1,6 +1,6 @@
 """The three servers of the simulated controller: connections, framing, replies, states.
 
-Sans-I/O: bytes come in with the time, pieces to write go out; a shell has the sockets.
+Sans-I/O: input is bytes with their time, output is pieces to write; a shell has the sockets.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ PortKind = Literal["motion", "state", "io"]
 PORT_KINDS: tuple[PortKind, ...] = ("motion", "state", "io")
 """In the order of their port numbers."""
 CONNECTIONS: Mapping[PortKind, int] = {"motion": 1, "state": 4, "io": 1}
-"""How many each port serves at once."""
+"""Number of simultaneous clients of each port."""
 
 FIN_WAIT_S = 0.05
-"""A server waits this long before it gives up the place of a client that has gone."""
+"""Time that a server waits before it frees the place of a client that has left."""
 RECEIVE_BYTES = 552
-"""MotoROS's receive buffer: the longest message it can take."""
+"""MotoROS's receive buffer, which limits the length of a message."""
 WAITING_MESSAGES = 64
-"""Unhandled messages at which nothing more is read; TCP then slows the client down."""
+"""Number of unhandled messages at which reading stops; TCP then slows the client down."""
 _MESSAGES_A_TURN = 32
 
 _PREFIX_BYTES, _TOP_BYTES, _EX_BYTES, _POINT_BYTES = 4, 16, 24, 132
@@ -75,13 +75,13 @@ _SEQUENCE_AT: Mapping[int, int] = {
     _T.MOTO_JOINT_VELOCITY: 20,
     _T.MOTO_JOINT_VELOCITY_EX: 20,
 }
-"""Offset of the sequence in messages that are answered with it."""
+"""Offset of the sequence in messages whose reply repeats it."""
 _COMMAND_AT = 24
 
 _NOT_SERVED = frozenset(
     (_T.ROBOT_STATUS, _T.JOINT_FEEDBACK, _T.MOTO_MOTION_REPLY, _T.MOTO_JOINT_FEEDBACK_EX)
 )
-"""The motion server knows their lengths, and closes the connection on them."""
+"""Messages of known length on which the motion server closes the connection."""
 _MOTION_TYPES = (
     BIT_AND_GROUP_TYPES
     | _NOT_SERVED
@@ -104,18 +104,18 @@ class ServerCounters:
     refused: int = 0
     """Connections closed at once, because the arm was moving."""
     replaced: int = 0
-    """Connections that had to make place for a newer one."""
+    """Connections that a newer one replaced."""
     failed: int = 0
-    """Connections closed because their data could not be cut into messages."""
+    """Connections closed because their data could not be split into messages."""
     messages: int = 0
     malformed: int = 0
     """Messages of a wrong length, answered MSGSIZE."""
     pipelined: int = 0
-    """Requests that came before the reply to the one before; MotoROS may lose them."""
+    """Requests that arrived before the previous reply; MotoROS may lose them."""
     pieces: int = 0
     """Reads that ended inside a message; MotoROS loses it."""
     unread: int = 0
-    """Reads on the state port, which MotoROS never looks at."""
+    """Reads on the state port, which MotoROS never examines."""
     replies: int = 0
     dropped_replies: int = 0
     state_cycles: int = 0
@@ -127,7 +127,7 @@ class _Connection(ServerConnection[PortKind]):
     frames: deque[bytes] = field(default_factory=deque)
     """Messages that wait to be handled."""
     owed: int = 0
-    """Requests that came and are not answered yet."""
+    """Number of unanswered requests."""
     last_reply: bytes = b""
     logged: set[str] = field(default_factory=set)
     """Events already logged about this client."""
@@ -304,7 +304,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
                 controller.disconnected(self._now_s)
 
     def _end(self, connection: _Connection) -> None:
-        """All that came is handled; does the connection end here?"""
+        """End the connection here if all its received data are handled."""
         if connection.reader.failure:
             self.counters.failed += 1
             self._drop(connection, connection.reader.failure)
@@ -338,7 +338,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         connection.frames.append(frame)
 
     def _take_strictly(self, connection: _Connection, chunk: bytes) -> None:
-        """Take the data of one recv as MotoROS does: the type gives the length, not the prefix."""
+        """Handle the data of one recv as MotoROS does: by the type's length, not the prefix."""
         while True:
             needed = self._needed(connection.kind, chunk)
             if needed is None or len(chunk) <= needed:
@@ -360,7 +360,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
                 return
 
     def _needed(self, kind: PortKind, chunk: bytes) -> int | None:
-        """How long the message at the start of `chunk` must be; None when its type is unknown."""
+        """Return the required length of the message at the start of `chunk`; None: unknown type."""
         if len(chunk) < _TOP_BYTES:
             return _TOP_BYTES
         msg_type = self._header(chunk)[1]
@@ -380,7 +380,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         return self._word.pack(len(frame) - _PREFIX_BYTES) + frame[_PREFIX_BYTES:]
 
     def _header(self, frame: bytes) -> tuple[int, int, int, int]:
-        """Length after the prefix, type, communication type, reply code; 0 where it is cut."""
+        """Return length after the prefix, type, communication type and reply code; 0 if cut off."""
         found: tuple[int, int, int, int] = self._top.unpack_from(frame.ljust(_TOP_BYTES, b"\0"))
         return found
 

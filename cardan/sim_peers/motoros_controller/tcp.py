@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 
 class MotorosControllerPeer(TcpPeer[PortKind]):
-    """Serves a `MotorosController` as MotoROS does: listens for motion, state and I/O clients.
+    """Serves a `MotorosController` on MotoROS's ports for motion, state and I/O clients.
 
     The interpolation clock and the state cycle keep an absolute schedule. With `options.log` every
     interpolation cycle becomes a row of a CSV file; with base port 0 any free ports are taken.
@@ -54,7 +54,7 @@ class MotorosControllerPeer(TcpPeer[PortKind]):
 
     def _opened(self) -> None:
         if self.options.log:
-            # Only now: a peer that fails to start must not empty another one's log.
+            # Opened last: a peer that fails to start must not empty another one's log.
             self._log_file = _created(self.options.log)
             self.controller.log.insert(0, self.controller.log_columns)
 
@@ -64,8 +64,8 @@ class MotorosControllerPeer(TcpPeer[PortKind]):
         self._end_log()
 
     def _served(self) -> None:
-        """The rows since the last time; the controller keeps none of them. A file that cannot be
-        written any more ends, and nothing else does."""
+        """Write the rows since the last call; the controller keeps none of them. After a write
+        error only the file is closed."""
         rows = self.controller.log
         if self._log_file is not None and rows:
             try:

@@ -1,8 +1,8 @@
 """The law of the velocity mode for one group, one IPC at a time, in double precision.
 
-Newest speeds in, pulses out: within speed, acceleration and position limits by construction, in
-the direction that was asked for as long as no position limit is near, and with the fractions of
-pulses carried on (no dead band, no drift). Source: docs/protocols/simple-message.md.
+It converts the newest speeds to pulses within speed, acceleration and position limits by
+construction, in the commanded direction unless a position limit is near, and carries fractions of
+pulses over (no dead band, no drift). Source: docs/protocols/simple-message.md.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ SEQUENCES = 2**31
 
 
 def is_newer(sequence: int, newest: int) -> bool:
-    """Whether `sequence` comes after `newest` (not at all, or up to half the numbers later)."""
+    """Return True if `sequence` follows `newest` by less than half the numbers."""
     return 0 < (sequence - newest) % SEQUENCES < SEQUENCES // 2
 
 
 class GroupVelocityStream:
-    """The velocity commands of one group: one slot, the newest wins. Each group has its own
+    """Velocity commands of one group: a single slot for the newest. Each group has its own
     sequence, watchdog and latch."""
 
     def __init__(self, accelerations: Sequence[float]) -> None:
         self.armed = False
         self.latched = False
-        """Was armed, until the watchdog or STOP_MOTION; sequence 0 ends it."""
+        """The watchdog or STOP_MOTION has ended an armed stream; sequence 0 resets it."""
         self.sequence = 0
         self.target: list[float] | None = None
-        """rad/s; None: nothing to follow."""
+        """Target speeds, rad/s; None: no command."""
         self.accelerations = list(accelerations)
         self.heard_s = -math.inf
         self.unused = False
         self.age_ms = 0.0
-        """Age of the command that was used last, when it was first used."""
+        """Age of the last used command at its first use."""
         self.overwritten = 0
         self.offset_s = math.inf
-        """Smallest difference of local time and the sender's."""
+        """Smallest difference between local time and the sender's."""
         self.worst_lateness_s = 0.0
 
     def disarm(self, latched: bool = False) -> None:
@@ -52,9 +52,9 @@ class GroupVelocityStream:
 class VelocityLaw:
     """Speeds of one group.
 
-    Of a position limit the bound is that speed v with v·T + v²/2a = distance left, so that an axis
-    that keeps to it can always stop in time with its own highest acceleration, whatever share of
-    that a command allows and whatever the other axes do.
+    The bound of a position limit is the speed v with v·T + v²/2a = distance left. Within it an axis
+    can always stop in time with its own highest acceleration, independent of the acceleration of
+    the command and of the other axes.
     """
 
     def __init__(
@@ -74,18 +74,18 @@ class VelocityLaw:
         self._per_rad = tuple(pulses_per_rad)
         self._ipc_s = ipc_s
         self.velocity = [0.0] * self.axes
-        """Commanded now, rad/s."""
+        """Present command, rad/s."""
         self.still = True
-        """All of `velocity` is zero."""
+        """True if all of `velocity` is zero."""
         self._exact = [0.0] * self.axes
         """Commanded position in pulses, with its fraction."""
         self._sent = [0] * self.axes
         self._zeros = [0] * self.axes
         self.speed_mask = self.acceleration_mask = self.position_mask = 0
-        """Axes that a limit has held back, a bit each, since `clear_masks`."""
+        """Bits of the axes that a limit has held back since `clear_masks`."""
 
     def place(self, command_pulses: Sequence[int]) -> None:
-        """Stand still at `command_pulses`."""
+        """Start at rest at `command_pulses`."""
         self.halt()
         self.discard(command_pulses)
 
@@ -96,7 +96,7 @@ class VelocityLaw:
         self.still = True
 
     def discard(self, command_pulses: Sequence[int]) -> None:
-        """Go on from `command_pulses`: pulses that were not executed are never caught up."""
+        """Continue from `command_pulses`: pulses that were not executed are never caught up."""
         for axis, pulses in enumerate(command_pulses):
             self._exact[axis] = float(pulses)
             self._sent[axis] = pulses
@@ -107,7 +107,7 @@ class VelocityLaw:
 
     @property
     def stopping_time_s(self) -> float:
-        """How long a ramp to zero takes from here."""
+        """Return the duration of a ramp to zero from now."""
         return max(
             abs(v) / a for v, a in zip(self.velocity, self.accelerations_rad_s2, strict=True)
         )
@@ -118,7 +118,7 @@ class VelocityLaw:
         accelerations_rad_s2: Sequence[float],
         speed_share: float = 1.0,
     ) -> list[int]:
-        """Run one IPC toward `target_rad_s`; None stops, each axis as hard as it may.
+        """Run one IPC toward `target_rad_s`; None stops each axis at its limit.
 
         `accelerations_rad_s2` hold for this command, each at most the axis's own. The functional
         safety unit allows `speed_share` of the highest speeds (0 to 1): all axes are slowed alike,
@@ -150,8 +150,8 @@ class VelocityLaw:
         return increments
 
     def _cut(self, new: list[float], speed_share: float) -> float:
-        """Scale the next speeds to `speed_share` at once; which share of the way of this period,
-        that the speeds before belong to as well, is let through."""
+        """Scale the next speeds to `speed_share` at once; return the share of this period's motion,
+        which the previous speeds contribute to, that is executed."""
         cut = way = 1.0
         for v, highest in zip(new, self.speeds_rad_s, strict=True):
             most = speed_share * highest
@@ -169,7 +169,7 @@ class VelocityLaw:
     def _toward(
         self, target: Sequence[float], accelerations: Sequence[float], speed_share: float
     ) -> list[float]:
-        """The next speeds."""
+        """Return the next speeds."""
         ipc_s, velocity = self._ipc_s, self.velocity
         scale = 1.0
         for axis, full in enumerate(self.speeds_rad_s):
@@ -207,7 +207,7 @@ class VelocityLaw:
             new = wanted
         else:
             new = [now + share * (aim - now) for now, aim in zip(velocity, wanted, strict=True)]
-        # An axis that must brake before its limit does so whatever the others need.
+        # An axis that must brake before its limit does so independent of the others.
         for axis, v in enumerate(new):
             hardest = self.accelerations_rad_s2[axis] * ipc_s
             if v > most[axis]:

@@ -1,4 +1,4 @@
-"""An arm under ros2_control, without I/O and in the caller's time: states out, commands in.
+"""Sans-I/O arm under ros2_control in the caller's time: states out, commands in.
 
 Written from the controllers' documentation (ros2_controllers: joint_state_broadcaster,
 forward_command_controller, joint_trajectory_controller) and JointStateTopicSystem's.
@@ -39,10 +39,10 @@ TOPICS: Mapping[str, tuple[str, str]] = {
 """Topic and type of each controller's commands."""
 
 CATCH_UP_S = 0.5
-"""Longest time of cycles left out that is made up for."""
+"""Longest time of skipped cycles that is made up for."""
 FINGER, FINGER_AT = "finger_joint", 0.01
 GRIPPER_SENDER, SECOND_SENDER = 0, 255
-"""Publishers beside the arm's own."""
+"""Publishers in addition to the arm's own."""
 NS = 1_000_000_000
 
 
@@ -50,19 +50,19 @@ class JointStateMessage(NamedTuple):
     """Message published on /joint_states."""
 
     sender: int
-    """Which node's publisher; another one after a restart."""
+    """Node that publishes it; another one after a restart."""
     sequence: int
     data: bytes
 
 
 class RosArm:
-    """The arm and its controller manager. Times are s, as the caller has them.
+    """The arm and its controller manager. Times are the caller's, s.
 
     The broadcaster publishes joints in alphabetical order, not in kinematic.
     """
 
     def __init__(self, options: RosArmOptions) -> None:
-        """Raises ExtraMissingError where the libraries of an arm's model are missing."""
+        """Raises ExtraMissingError if the libraries for an arm's model are missing."""
         from cardan.sim_peers.arm.plant import ArmPlant
 
         self.options = options
@@ -73,17 +73,17 @@ class RosArm:
         self.taken = 0
         """Commands that had an effect."""
         self.loaded = True
-        """Whether the controller is there."""
+        """True if the controller is loaded."""
         self.up = True
-        """Whether the nodes are."""
+        """True if the nodes run."""
         self.sender = 1
-        """The publisher of joint states; counts restarts."""
+        """Publisher of joint states; incremented at each restart."""
         self._names = [joint.name for joint in self.arm.joints]
         self._codec = codec_of(TOPICS[options.controller][1])
         self._states = codec_of(JOINT_STATE)
         self._cycles = self._sequence = self._gripper_sequence = self._second_sequence = 0
         self._second_s = math.inf
-        """When the second publisher is due; infinite while there is none."""
+        """Time of the second publisher's next message; infinite without one."""
         self._start_s: float | None = None
         self._random = random.Random(options.seed)
         self._stale: bytes | None = None
@@ -116,7 +116,7 @@ class RosArm:
     # -- faults ---------------------------------------------------------------------------------
 
     def go_down(self) -> None:
-        """The nodes end; they are there anew after RESTART_S. The arm stands."""
+        """End the nodes; they restart after RESTART_S. The arm stands."""
         self.plant.hold()
         self._points = []
         self.up = False
@@ -155,7 +155,7 @@ class RosArm:
     # -- commands -------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """A message on the topic of the controller."""
+        """Handle a message on the controller's topic."""
         if not (self.up and self.loaded):
             self.ignored["no controller"] += 1
             return
@@ -167,7 +167,7 @@ class RosArm:
             self.taken += 1
 
     def _obey(self, message: Message) -> str:
-        """Execute a message. Returns why it is refused; empty if it is not."""
+        """Execute a message; return why it is refused, empty if it is executed."""
         kind = self.options.controller
         if kind in ("position", "velocity"):
             return self._forward(message["data"])
@@ -176,7 +176,7 @@ class RosArm:
         return self._take_joint_state(message)
 
     def _forward(self, values: Sequence[float]) -> str:
-        """Pass any numbers on at once, as a forward_command_controller does."""
+        """Execute any numbers at once, as a forward_command_controller does."""
         if len(values) != self.plant.joints:
             return f"{len(values)} values for {self.plant.joints} joints"
         if not all(map(math.isfinite, values)):
@@ -203,7 +203,7 @@ class RosArm:
         return ""
 
     def _begin_trajectory(self, message: Message) -> str:
-        """Each trajectory replaces the one before; the motion goes on from where it is now."""
+        """Start a trajectory in place of the previous one, from the present motion."""
         points = []
         last_s = 0.0
         for point in message["points"]:
@@ -225,7 +225,7 @@ class RosArm:
         return ""
 
     def _wanted(self, at_s: float) -> list[float]:
-        """Joints of the trajectory: on straight lines between points without speeds."""
+        """Return the joints of the trajectory, on straight lines between points without speeds."""
         if not self._points:
             return list(self.plant.positions)
         from_s, from_ = self._from
@@ -239,10 +239,10 @@ class RosArm:
     # -- cycles ---------------------------------------------------------------------------------
 
     def cycle(self, now_s: float, missed: int = 0) -> list[JointStateMessage]:
-        """Run a cycle of the controller manager. Returns the messages to publish.
+        """Run a cycle of the controller manager; return the messages to publish.
 
-        `missed` before it were left out: the arm and its clock went on meanwhile, for CATCH_UP_S at
-        most. Beyond that the whole process stood still, and they with it.
+        `missed`: cycles skipped before it, in which the arm and its clock advanced, for CATCH_UP_S
+        at most. Beyond that the whole process was paused, and they with it.
         """
         self._cycles += 1 + min(missed, round(CATCH_UP_S / self.options.period_s))
         time_s = self._cycles * self.options.period_s
@@ -292,7 +292,7 @@ class RosArm:
         return found
 
     def _header(self, time_s: float) -> Message:
-        """Stamped by the clock of the arm's computer."""
+        """Return a header stamped by the clock of the arm's computer."""
         header: Message = default_message(JOINT_STATE)["header"]
         if "no-stamps" not in self.options.faults:
             stamp_s = (self._start_s or 0.0) + time_s + self._clock_step_s

@@ -43,7 +43,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
 )
 
 NEVER_ON_DDS = frozenset({"duplicate", "reorder"})
-"""Faults of a network that its own numbers mend."""
+"""Network faults that DDS repairs by its own sequence numbers."""
 
 SILENCE_EVERY_S = 5.0
 CLOCK_STEP_AT_S = 5.0
@@ -56,7 +56,7 @@ RESTART_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class RosArmOptions(Options):
-    """The simulated arm, its controller, and how it is on the bus."""
+    """Settings of the simulated arm, its controller and its transport."""
 
     robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
     drive: Literal["dynamic", "ideal"] = option("dynamic", "ideal: exactly where commanded.")
@@ -67,7 +67,7 @@ class RosArmOptions(Options):
     )
     host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where other nodes connect to")
     port: Annotated[int, bounds.ANY_PORT] = 7447
-    """TCP; by default in place of a router."""
+    """TCP port; used by default instead of a router."""
     router: str = option(
         "", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
     )
@@ -91,21 +91,21 @@ class RosArmOptions(Options):
 
     @property
     def plant(self) -> PlantOptions:
-        """The arm without its controllers."""
+        """Arm without its controllers."""
         return PlantOptions(
             drive=self.drive, gravity_feedforward=not self.sag, payload_kg=self.payload_kg
         )
 
     @property
     def bus(self) -> BusOptions:
-        """How it is on the bus."""
+        """Options to join the bus."""
         return BusOptions(
             domain=self.domain, router=self.router, listen=(f"tcp/{self.host}:{self.port}",)
         )
 
     @property
     def dds(self) -> DdsOptions:
-        """How it is on DDS."""
+        """Options to join DDS."""
         return DdsOptions(dds_domain=self.domain)
 
     @property

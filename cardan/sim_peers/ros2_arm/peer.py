@@ -36,8 +36,8 @@ COMMANDS_KEPT = 10
 class RosArmPeer(SimulatedPeer):
     """Serves a `RosArm`.
 
-    All of it is one node, in a Zenoh session or a DDS participant that ends and begins as the nodes
-    do that it stands for.
+    One node in a Zenoh session or a DDS participant represents all nodes, and ends and starts with
+    them.
     """
 
     def __init__(self, options: RosArmOptions | None = None) -> None:
@@ -63,7 +63,7 @@ class RosArmPeer(SimulatedPeer):
         return self.options.router or f"tcp/{self.options.host}:{self.options.port}"
 
     def open(self) -> None:
-        """Join the bus. Raises DriverError where it cannot, as when a router has the port."""
+        """Join the bus. Raises DriverError if it cannot, as when a router has the port."""
         if self._node is None:
             self._join()
             self._next_s = time.monotonic()
@@ -116,7 +116,7 @@ class RosArmPeer(SimulatedPeer):
             self._wait(min(self._next_s, until_s))
 
     def _wait(self, until_s: float) -> None:
-        """Take commands until then, or until one came."""
+        """Receive commands until then, or until one has arrived."""
         left_s = max(until_s - time.monotonic(), 0.0)
         if self._commands is None:
             time.sleep(left_s)
@@ -139,7 +139,7 @@ class RosArmPeer(SimulatedPeer):
             publisher.put_as(state.sequence, state.data, time.time_ns())
 
     def _follow_nodes(self) -> None:
-        """Be on the bus as the core's nodes are."""
+        """Join or leave the bus with the core's nodes."""
         if not self.core.up:
             if self._node is not None:
                 log.info("the nodes end")

@@ -1,4 +1,4 @@
-"""A stock ROS 2 node with a simulated operator device: spacenav_node, joy_node."""
+"""Standard ROS 2 nodes with a simulated operator device: spacenav_node, joy_node."""
 
 from cardan.sim_peers.ros2_device.core import SimulatedNode as SimulatedNode
 from cardan.sim_peers.ros2_device.peer import (

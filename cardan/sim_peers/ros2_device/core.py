@@ -1,6 +1,6 @@
-"""Messages that a stock node publishes of its device, without I/O, in virtual time.
+"""Messages that a standard node publishes for its device, without I/O, in virtual time.
 
-From the nodes' sources and documentation: spacenav_node publishes zeros at rest and without a
+Sources: the nodes' code and documentation. spacenav_node publishes zeros at rest and without a
 device; joy_node and game_controller_node repeat the newest state at autorepeat_rate while there is
 a device, and nothing without one.
 """
@@ -59,7 +59,7 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
         self.device_there = False
 
     def replug(self) -> None:
-        """The device is there again."""
+        """Plug the device in again."""
         self.device_there = True
 
     def exit(self) -> None:
@@ -69,13 +69,13 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
     # -- messages -------------------------------------------------------------------------------
 
     def reports(self, now_s: float) -> list[bytes]:
-        """Messages that it publishes from the last call until `now_s`."""
+        """Return the messages published from the last call until `now_s`."""
         for _, action in self._nodes_faults.due(now_s):
             action()
         return [report for report in super().reports(now_s) if report]
 
     def report(self) -> bytes:
-        """The message that it publishes now; none: empty."""
+        """Return the message published now; empty: none."""
         if not self.device_there and self.node != "spacenav":
             return b""
         x, y, z, roll, pitch, yaw = self.axes if self.device_there else (0.0,) * 6

@@ -1,4 +1,4 @@
-"""A simulated stock node on the bus."""
+"""Simulated standard node on the bus."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FEEDBACK_TOPIC = "/joy/set_feedback"
 RUMBLE = 1
 
 NODE_NAMES = {"spacenav": "spacenav", "joy_node": "joy_node"}
-"""The names of stock nodes on the bus; others are a game_controller_node."""
+"""Names of the nodes on the bus; any other is a game_controller_node."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class NodePeerOptions(BusPeerOptions):
 
 
 def node_on_bus(device: SimulatedNode, options: NodePeerOptions) -> BusBackend:
-    """The node, which is a Joy publisher."""
+    """Return the node, which is a Joy publisher."""
 
     def feel(feedback: Mapping[str, Any]) -> None:
         if feedback["type"] == RUMBLE:
@@ -39,7 +39,7 @@ def node_on_bus(device: SimulatedNode, options: NodePeerOptions) -> BusBackend:
 
 
 class NodePeer(DevicePeer[SimulatedNode, bytes]):
-    """A simulated stock node. Raises ScriptError for a script or a fault."""
+    """Simulated standard node. Raises ScriptError for a script or a fault."""
 
     def __init__(self, options: NodePeerOptions | None = None) -> None:
         options = NodePeerOptions() if options is None else options

@@ -33,9 +33,9 @@ SPLIT_PERIOD_S = 0.008
 """A wired device's 8-byte packets hold half a motion: ids 1 and 2 take turns."""
 ONE_PERIOD_S = 0.016
 ZERO_REPORTS = 3
-"""How many zero pairs (or whole zero reports) follow a release before the device falls silent."""
+"""Number of zero pairs (or whole zero reports) after a release, before the device falls silent."""
 LONG_PRESS_S = 1.0
-"""Key held this long: a long press. The vendor does not publish the time."""
+"""Duration of a long press of a key. The vendor does not publish it."""
 BATTERY_CHANCE = 0.5
 """Share of the motions' ends, after the first, that a battery report follows."""
 BATTERY_PERCENT = 85
@@ -44,11 +44,11 @@ LED_PRIMED_MODELS = frozenset({"spacemouse-compact"})
 
 
 class SimulatedSpaceMouse:
-    """A 3Dconnexion puck: give it deflections and buttons, it gives the reports of the real one.
+    """Reports of a 3Dconnexion puck for given deflections and buttons.
 
-    Time is given in seconds from plugging in and moves in `reports` only: whatever is set holds
-    from the time of the last `reports` on. `faults` are values by the names of `FAULTS`;
-    `jitter_lsb` is the noise on every axis while deflected, in counts.
+    Time counts in seconds from plugging in and advances in `reports` only: a new state applies from
+    the time of the last `reports` on. `faults` are values by the names of `FAULTS`; `jitter_lsb` is
+    the noise on every axis while deflected, in counts.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class SimulatedSpaceMouse:
         self.model = model
         self.plugged = True
         self.led = True
-        """On at power-up."""
+        """LED state, on at power-up."""
         self.led_changed_s = 0.0
         self.refused_outputs = 0
         """Output reports that are invalid for the device."""
@@ -106,14 +106,14 @@ class SimulatedSpaceMouse:
         self._counts = self._counts_of(self.axes)
 
     def press(self, label: str) -> None:
-        """Press a button; ScriptError when the model has none of that label."""
+        """Press a button. Raises ScriptError if the model has no such label."""
         bit = self._bit(label)
         if bit not in self._down:
             self._down[bit] = self._now_s
             self._report_keys(bit)
 
     def release(self, label: str) -> None:
-        """Let a button go; ScriptError when the model has none of that label."""
+        """Release a button. Raises ScriptError if the model has no such label."""
         bit = self._bit(label)
         if bit in self._down and bit != self._stuck_bit:
             del self._down[bit]
@@ -141,7 +141,7 @@ class SimulatedSpaceMouse:
             self._led_primed = False
 
     def silence(self) -> None:
-        """Send nothing more, as when the radio is lost, until `resume`."""
+        """Send nothing, as after a loss of the radio link, until `resume`."""
         self._silenced = True
         self._key_reports.clear()
 
@@ -152,7 +152,7 @@ class SimulatedSpaceMouse:
     # -- the host ------------------------------------------------------------------------------
 
     def output(self, report: bytes, now_s: float) -> None:
-        """Take an output report of the host; only the LED's is used."""
+        """Handle an output report of the host; only the LED's is used."""
         value = decode_output(report)
         if not self.plugged or not self.model.led or not isinstance(value, LedOutput):
             self.refused_outputs += 1
@@ -167,7 +167,7 @@ class SimulatedSpaceMouse:
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next; inf while at rest."""
+        """Time of the next work of `reports`; inf while at rest."""
         due_s = min(self._line.next_due_s, self._plugging[0][0] if self._plugging else math.inf)
         if self._mute:
             return due_s
@@ -178,7 +178,7 @@ class SimulatedSpaceMouse:
         return min(due_s, self._next_long_press_s())
 
     def reports(self, now_s: float) -> list[bytes]:
-        """The input reports that arrive at the host from the last call until `now_s`."""
+        """Return the input reports that arrive at the host from the last call until `now_s`."""
         while self._plugging and self._plugging[0][0] <= now_s:
             at_s, action = self._plugging.pop(0)
             self._produce(at_s)
@@ -221,10 +221,10 @@ class SimulatedSpaceMouse:
             ) from None
 
     def _counts_of(self, axes: Axes) -> tuple[int, ...]:
-        """Raw counts of a deflection."""
+        """Return raw counts of a deflection."""
         counts = from_robot_axes(axes, self._range)
         if self.model.serial_axes:
-            counts = from_serial_axes(counts)  # which is its own inverse
+            counts = from_serial_axes(counts)  # This permutation is its own inverse.
         return tuple(min(self._range, max(-self._range, c + self._drift)) for c in counts)
 
     def _reset_motion(self) -> None:
@@ -294,7 +294,7 @@ class SimulatedSpaceMouse:
             self._line.carry(encode_battery(self.battery_percent, False), due_s)
 
     def _report_keys(self, changed: int) -> None:
-        """Report the buttons after that of the bit `changed` was pressed or released."""
+        """Report the buttons after the one of the bit `changed` was pressed or released."""
         if self._mute:
             return
         length = self.model.button_report_bytes

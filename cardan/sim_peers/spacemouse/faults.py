@@ -1,4 +1,4 @@
-"""The faults a simulated 3Dconnexion device can have, and the line that mangles its reports."""
+"""Faults of a simulated 3Dconnexion device, and the line that alters its reports."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _LATE_S = 0.012
 
 
 def check_faults(faults: Mapping[str, float], model: Model) -> None:
-    """Raise ScriptError for a fault that does not exist or that `model` cannot have."""
+    """Raise ScriptError for an unknown fault, or one that `model` cannot have."""
     base.check_faults(faults, FAULTS)
     for name in faults:
         if name in _HALF_FAULTS and _sent_family(faults, model) is not Family.SPLIT:
@@ -74,7 +74,7 @@ def _sent_family(faults: Mapping[str, float], model: Model) -> Family:
 
 
 class FaultyLine(DelayLine):
-    """The line between the device and the host: carries reports, loses, mangles or delays them.
+    """Line between the device and the host: carries, loses, corrupts or delays reports.
 
     `family`: that of the device's motion reports.
     """
@@ -88,7 +88,7 @@ class FaultyLine(DelayLine):
         self._halves = 0
 
     def carry_motion(self, report: bytes, sent_s: float) -> None:
-        """Take a motion report (id 1 or 2), sent at `sent_s`."""
+        """Carry a motion report (id 1 or 2) sent at `sent_s`."""
         self._motions += 1
         if self._strikes("unknown-id", self._motions):
             self.carry(bytes([_UNKNOWN_ID]) + self._random.randbytes(6), sent_s)
@@ -104,5 +104,5 @@ class FaultyLine(DelayLine):
             self.carry(report, sent_s)
 
     def carry(self, report: bytes, sent_s: float) -> None:
-        """Take any report, sent at `sent_s`."""
+        """Carry any report sent at `sent_s`."""
         super().carry(report.ljust(self._padding, b"\0"), sent_s)

@@ -1,4 +1,4 @@
-"""Motion by keys: drives the simulated puck from a terminal."""
+"""Keyboard control of the simulated puck from a terminal."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ KEY_AXES: Mapping[str, tuple[int, float]] = {
 """Axis and direction of each key, as seen by the operator: w forward, a left, r up; i tilts away,
 j to the left, u turns counter-clockwise."""
 KEY_BUTTONS: Mapping[str, int] = {" ": 0, "\n": 1, "\r": 1}
-"""Which button, counted from the lowest, each key presses and releases in turn."""
+"""Button, counted from the lowest, that each key presses and releases in turn."""
 KEYBOARD_HELP = (
     "w/s a/d r/f: move   i/k j/l u/o: turn   capitals: full deflection   "
     "space, enter: buttons down/up   Ctrl-C: end"
@@ -41,7 +41,7 @@ KEY_HOLD_S = 0.15
 KEY_DEFLECTION = 0.5
 """Deflection by a lowercase letter; capitals deflect fully."""
 KEY_SPEED = 4.0
-"""How fast a deflection builds up and decays, per second: a hand does not jump."""
+"""Rate at which a deflection builds up and decays, per second: a hand does not jump."""
 
 _ESCAPE_SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[@-~]|O.|.)?")
 
@@ -56,7 +56,7 @@ class KeyboardMotion:
         self._now_s = 0.0
 
     def feed(self, text: str, now_s: float) -> None:
-        """Take the characters that the terminal gave at `now_s`; unknown ones do nothing."""
+        """Process the characters that the terminal gave at `now_s`; unknown ones have no effect."""
         self._move(now_s)
         for key in _ESCAPE_SEQUENCE.sub("", text):
             if key in KEY_BUTTONS:
@@ -68,7 +68,7 @@ class KeyboardMotion:
 
     @property
     def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf at rest."""
+        """Time of the next work of `advance`, s; inf at rest."""
         if self._toggles:
             return self._now_s
         pulled = any(end_s > self._now_s for _, end_s in self._pulls)
@@ -100,7 +100,7 @@ def _towards(value: float, target: float, step: float) -> float:
 
 
 def status_line(device: Puck) -> str:
-    """The device as one line for the user: LED, deflections, buttons."""
+    """Return the device's state in one line for the user: LED, deflections, buttons."""
     led = {True: "LED on   ", False: "LED off  ", None: ""}[device.led]
     names = ("x", "y", "z", "rx", "ry", "rz")
     axes = " ".join(f"{n} {value:+.2f}" for n, value in zip(names, device.axes, strict=True))
@@ -108,28 +108,28 @@ def status_line(device: Puck) -> str:
 
 
 class Terminal:
-    """The terminal on file descriptor `fd`, giving keys at once and unechoed while open."""
+    """Terminal on file descriptor `fd`, in unbuffered mode without echo while open."""
 
     def __init__(self, fd: int = 0) -> None:
         self.fd = fd
         self._settings: list[object] | None = None
 
     def open(self) -> None:
-        """Take the terminal over; ScriptError when `fd` is none."""
+        """Set the terminal's mode. Raises ScriptError if `fd` is not a terminal."""
         if not os.isatty(self.fd):
             raise ScriptError("keyboard: standard input is not a terminal; give a script instead")
         self._settings = termios.tcgetattr(self.fd)
         tty.setcbreak(self.fd, termios.TCSANOW)
 
     def read(self) -> str:
-        """The keys typed; call when `fd` is readable. Empty when the terminal is gone."""
+        """Return the typed keys; call it when `fd` is readable. Empty if the terminal is closed."""
         try:
             return os.read(self.fd, 256).decode(errors="ignore")
         except OSError:
             return ""
 
     def close(self) -> None:
-        """Give the terminal back as it was."""
+        """Restore the terminal's mode."""
         if self._settings is not None:
             termios.tcsetattr(self.fd, termios.TCSANOW, self._settings)  # type: ignore[arg-type]
             self._settings = None

@@ -11,7 +11,7 @@ from cardan.sim_peers.scripted import Action, HeldDevice, MotionScript, StepWord
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
 
 MOTION_PERIOD_S = 0.008
-"""How often a motion is sampled: the shortest report period of a device."""
+"""Sample period of a motion: the shortest report period of a device."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "axes": "axes X Y Z RX RY RZ [over SECONDS] (ramp the deflection there, each in -1..1)",
@@ -86,8 +86,8 @@ SCRIPTS: Mapping[str, str] = {
         5.5   press first
         5.8   release first
     """,
-    # A circle in x and y to the left, then the same to the right. The ramp that takes the device
-    # to the start of a cosine is dropped as the cosine begins; the two turns cancel its area.
+    # A circle in x and y to the left, then the same to the right. The ramp to the start of a cosine
+    # is dropped as the cosine begins; the two turns cancel its area.
     "circle": """
         # a circle to the left, then one to the right
         0.2   axes 0 0 0.2 0 0 0 over 0.1
@@ -165,11 +165,11 @@ class Puck(HeldDevice, Protocol):
 
     @property
     def model(self) -> PuckModel:
-        """Its model."""
+        """Model of the device."""
 
     @property
     def led(self) -> bool | None:
-        """Whether its LED is on; None: it has none."""
+        """State of its LED; None: it has none."""
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -182,19 +182,19 @@ class Puck(HeldDevice, Protocol):
         """Press a button."""
 
     def release(self, label: str) -> None:
-        """Let a button go."""
+        """Release a button."""
 
     def unplug(self) -> None:
-        """Take it away."""
+        """Unplug the device."""
 
     def replug(self) -> None:
-        """Bring it back."""
+        """Plug the device in again."""
 
     def silence(self) -> None:
-        """Send nothing more, until `resume`."""
+        """Stop sending until `resume`."""
 
     def resume(self) -> None:
-        """Send again."""
+        """Resume sending."""
 
 
 class ScriptedPuck(MotionScript[Puck]):

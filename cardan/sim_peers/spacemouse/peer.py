@@ -49,7 +49,7 @@ UNFIT_FAULTS: Mapping[str, Mapping[str, str]] = {
     },
     "--usbip": {"newest-lost": "the host's kernel keeps the queue, and always loses the newest"},
 }
-"""Faults that a backend cannot have, and why."""
+"""Faults that a backend cannot have, with the reason."""
 
 BUS_ID = bounds.Text(r"[^\0]+", "a name of 1 to 31 bytes", 31)
 
@@ -61,14 +61,14 @@ class PuckPeerOptions(DeviceNodeOptions):
     """Options of the motion source of a device that has a cap."""
 
     keyboard: bool = option(False, "Move it with this terminal's keys.")
-    """Instead of the script."""
+    """Use the keyboard instead of the script."""
     jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
     """Noise on every axis while deflected, counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceMousePeerOptions(PuckPeerOptions):
-    """Simulated model, source of its motion, and which of the three backends opens it."""
+    """Model, motion source and one of three backends of a simulated device."""
 
     model: str = option(
         "spacenavigator",
@@ -99,10 +99,10 @@ P = TypeVar("P", bound=Puck)
 
 
 class PuckPeer(DevicePeer[P, bytes]):
-    """A simulated device with a cap, moved by a script, which begins at `script_s` of the device's
-    time, or by the keyboard.
+    """Simulated device with a cap, moved by the keyboard or by a script that begins at `script_s`
+    of the device's time.
 
-    Raises ScriptError for a script that does not exist or does not fit.
+    Raises ScriptError for an unknown or unsuitable script.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class PuckPeer(DevicePeer[P, bytes]):
             self.begin()
 
     def close(self) -> None:
-        """Unplug the device for good, give the terminal back."""
+        """Unplug the device permanently and restore the terminal."""
         super().close()
         if self._terminal is not None:
             self._terminal.close()
@@ -178,8 +178,8 @@ class PuckPeer(DevicePeer[P, bytes]):
 class SpaceMousePeer(PuckPeer[SimulatedSpaceMouse]):
     """A simulated 3Dconnexion device with HID reports.
 
-    Raises ConfigurationError unless exactly one backend is given, OptionError for a model that does
-    not exist, ScriptError for a script or fault that does not exist or does not fit.
+    Raises ConfigurationError unless exactly one backend is given, OptionError for an unknown model,
+    ScriptError for an unknown or unsuitable script or fault.
     """
 
     def __init__(self, options: SpaceMousePeerOptions) -> None:
@@ -187,7 +187,7 @@ class SpaceMousePeer(PuckPeer[SimulatedSpaceMouse]):
 
 
 def _backend_option(options: SpaceMousePeerOptions) -> str:
-    """The one way to open the device that is given. Raises ConfigurationError."""
+    """Return the only given option that selects a backend. Raises ConfigurationError."""
     ways = {
         "--hid": bool(options.hid),
         "--uhid": options.uhid,
@@ -201,7 +201,7 @@ def _backend_option(options: SpaceMousePeerOptions) -> str:
 
 
 def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, DeviceBackend[bytes]]:
-    """The device, and the backend for its reports."""
+    """Return the device, and the backend for its reports."""
     backend = _backend_option(options)
     try:
         model = model_by_key(options.model)
@@ -237,7 +237,7 @@ def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, DeviceBa
 def _usbip(
     options: SpaceMousePeerOptions, port: int, device: SimulatedSpaceMouse
 ) -> DeviceBackend[bytes]:
-    """The USB device over USB/IP."""
+    """Return the backend of the USB device over USB/IP."""
     usb = SpaceMouseUsb(
         device.model, lambda report: device.output(report, backend.shell.device_s())
     )

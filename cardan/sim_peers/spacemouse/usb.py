@@ -1,7 +1,7 @@
 """A simulated 3Dconnexion device as a USB device: its descriptors and its control requests.
 
-Without any I/O. Source: USB 2.0, chapter 9; USB HID 1.11, chapter 7; the published descriptors of
-a SpaceNavigator.
+No I/O. Source: USB 2.0, chapter 9; USB HID 1.11, chapter 7; the published descriptors of a
+SpaceNavigator.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class SpaceMouseUsb(UsbFunction):
         self._strings = ("", "3Dconnexion", model.name)
 
     def control(self, setup: SetupPacket, data: bytes) -> bytes | None:
-        """Do a standard or HID request; None for any other."""
+        """Execute a standard or HID request; None for any other."""
         if setup.request_type & 0x60 == _CLASS:
             return self._class_request(setup, data)
         if setup.request_type & 0x60:

@@ -9,17 +9,17 @@ from cardan.types import Pose as Frame
 
 
 class MoveJ(NamedTuple):
-    """Move to joints (rad), all of them arriving together."""
+    """Move to joints (rad) that all arrive together."""
 
     q: tuple[float, ...]
     a: float
-    """Acceleration of the joint that goes farthest, rad/s²."""
+    """Acceleration of the joint with the longest way, rad/s²."""
     v: float
-    """Speed of the joint that goes farthest, rad/s."""
+    """Speed of the joint with the longest way, rad/s."""
     t: float
-    """How long it takes, whatever `a` and `v`; 0: as they have it."""
+    """Duration, which overrides `a` and `v`; 0: they determine it."""
     r: float
-    """How far before the end the next move begins, m."""
+    """Distance from the goal at which the next move begins, m."""
 
 
 class MoveL(NamedTuple):
@@ -41,7 +41,7 @@ class MoveC(NamedTuple):
     v: float
     r: float
     fixed: bool
-    """The tool turns with the circle's tangent, whatever orientation `goal` has."""
+    """The tool turns with the circle's tangent; the orientation of `goal` is ignored."""
 
 
 class ServoJ(NamedTuple):
@@ -70,7 +70,7 @@ class SpeedL(NamedTuple):
 
 
 class DirectTorque(NamedTuple):
-    """Drive the joints by torques (N·m) for a frame, beside those that hold the arm's weight."""
+    """Drive the joints by torques (N·m) for a frame, in addition to gravity compensation."""
 
     torques: tuple[float, ...]
 

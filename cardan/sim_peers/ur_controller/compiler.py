@@ -1,9 +1,9 @@
-"""From a program's tree to code for a machine: each expression and statement becomes a function of
-the variables of the function that it is in, and a generator only if it may take time.
+"""Compiler from a program's syntax tree to code for a machine: each expression and statement
+becomes a function of the variables of its function, and a generator only if it may take time.
 
-Which variables are global is known before: those of the program's own level, whatever they are
-declared as, and those declared `global` anywhere. A function's other variables are its own; nested
-functions see that function's functions, and not its variables.
+Global variables are known beforehand: those of the program's own level, however declared, and those
+declared `global` anywhere. A function's other variables are local; nested functions see its
+functions but not its variables.
 
 Source: UR's script manual, scoping rules.
 """
@@ -41,7 +41,7 @@ _RESULT: Final = 0
 """Index of a function's result among its variables."""
 _QUICK: Final = frozenset("+-*/")
 _PLAIN: Final = (float, int)
-"""Classes of numbers; a truth is of another class."""
+"""Classes of numbers; booleans have another class."""
 _LEAVES: Final = (tree.Literal, tree.Name)
 _PORTION: Final = 60
 """Parts of a program between two pauses."""
@@ -53,14 +53,14 @@ class _Code(NamedTuple):
 
     do: _Do
     takes_time: bool = False
-    """`do` gives a generator."""
+    """`do` returns a generator."""
     constant: Any = UNSET
-    """The value that `do` always gives, if it is a constant."""
+    """Constant value of `do`, if it has one."""
 
 
 @dataclass(eq=False)
 class _Scope:
-    """A function, or the program itself."""
+    """Function, or the program itself."""
 
     define: tree.Define | None
     around: _Scope | None
@@ -75,13 +75,13 @@ class _Scope:
     assigns: set[tuple[str, str]] = field(default_factory=set)
     """Variables, each with its kind of declaration."""
     joins: bool = False
-    """Whether it waits for threads."""
+    """True if it waits for threads."""
     takes_time: bool = False
     body: _Do | None = None
     defaults: dict[int, _Do] = field(default_factory=dict)
 
     def find(self, name: str) -> _Scope | None:
-        """A function by its name."""
+        """Find a function by its name."""
         scope: _Scope | None = self
         while scope is not None:
             if name in scope.functions:
@@ -90,11 +90,11 @@ class _Scope:
         return None
 
     def place(self, name: str) -> int:
-        """Place of one of its variables."""
+        """Return the index of one of its variables."""
         return self.own.setdefault(name, len(self.own) + 1)
 
     def fresh(self) -> _Locals:
-        """Variables for a call of it."""
+        """Return the variables for a call of it."""
         made: _Locals = [UNSET] * (len(self.own) + 1)
         made[_RESULT] = None
         return made
@@ -116,12 +116,12 @@ class Compiler:
         """Steps of the block that is being compiled."""
         self._nodes = 0
         self._constants: dict[tuple[type, object], _Code] = {}
-        """Constants: numbers and texts; one for all that are the same."""
+        """Constants: numbers and texts; equal ones are shared."""
         self._program = _Scope(None, None, program.block)
 
     async def compiled(self) -> tuple[Mapping[str, int], _Locals, _Do]:
-        """The global variables' places; variables for the program, and the program. Raises
-        ProgramError."""
+        """Return the indexes of the global variables, the program's variables, and the program.
+        Raises ProgramError."""
         try:
             await self._survey()
             self._find_globals()
@@ -140,7 +140,7 @@ class Compiler:
     async def _survey(self) -> None:
         """Find all functions, and the names that each of them assigns, calls and waits for."""
         self._scopes.append(self._program)
-        for scope in self._scopes:  # which grows meanwhile
+        for scope in self._scopes:  # The list grows meanwhile.
             pending: list[Any] = [scope.block]
             while pending:
                 await self._portion()
@@ -211,7 +211,7 @@ class Compiler:
                         else code.do
                     )
         code = await self._block(scope.block, scope)
-        # The program itself and threads are resumed, whether they take time or not.
+        # The program itself and threads are resumed, even if they take no time.
         resumed = scope.takes_time or define is None or define.thread
         scope.body = _as_generator(code.do) if resumed and not code.takes_time else code.do
 
@@ -220,9 +220,9 @@ class Compiler:
     async def _block(
         self, block: Sequence[tree.Statement], scope: _Scope, weight: int = 1
     ) -> _Code:
-        """Compile statements in a row; the code gives how the block was left, None: at its end.
+        """Compile a sequence of statements; the code returns how it was left, None: at its end.
 
-        `weight`: steps that it counts as beside its statements.
+        `weight`: steps that it costs in addition to its statements.
         """
         parts: list[_Code] = []
         plain: list[_Do] = []
@@ -381,7 +381,7 @@ class Compiler:
         return self._alone(_together(codes, change))
 
     def _where(self, name: str, declared: str, scope: _Scope) -> tuple[int, _Locals | None]:
-        """A variable's place, and the list it is in; None: of the function's own."""
+        """Return a variable's index and list; None: the list of the function itself."""
         own = name in scope.declared or (scope.define is not None and declared == "local")
         if declared == "global" or (not own and name in self._globals):
             return self._globals[name], self._machine.globals
@@ -464,7 +464,7 @@ class Compiler:
         return _Code(run)
 
     async def _switch(self, found: tree.Switch, scope: _Scope) -> _Code:
-        """As `if` and `elif`, with the value in a variable that no program can name."""
+        """Compile as `if` and `elif`, with the value in a variable that no program can name."""
         name = f" switch {id(found)}"
         scope.declared.add(name)
         keep = tree.Assign(name, (), found.value, "", found.line)
@@ -928,7 +928,7 @@ def _raises(line: int, reason: str) -> _Do:
 def _as_generator(do: _Do) -> _Do:
     def run(own: _Locals) -> Running:
         return do(own)
-        yield  # a generator that never waits
+        yield  # A generator that never waits.
 
     return run
 
@@ -942,7 +942,7 @@ def _values(codes: Sequence[_Code], own: _Locals) -> Generator[Any, Any, list[An
 
 
 def _together(codes: Sequence[_Code], work: Callable[[_Locals, list[Any]], Any]) -> _Code:
-    """`work` with the values of expressions, evaluated in this order."""
+    """Apply `work` to the values of expressions, evaluated in this order."""
     if any(code.takes_time for code in codes):
 
         def wait(own: _Locals) -> Running:
@@ -959,7 +959,7 @@ def _together(codes: Sequence[_Code], work: Callable[[_Locals, list[Any]], Any])
 def _bound(
     call: tree.Call, parameters: Sequence[str], defaults: Mapping[str, Any]
 ) -> dict[str, tree.Expression] | str:
-    """The arguments by their parameters, or the error in them."""
+    """Return the arguments by their parameters, or the error in them."""
     if len(call.arguments) > len(parameters):
         return f"{call.name}() has {len(parameters)} arguments"
     bound = dict(zip(parameters, call.arguments, strict=False))

@@ -1,4 +1,4 @@
-"""The sockets of programs, really opened: the shell of `ProgramSockets`."""
+"""Real sockets of programs: the shell of `ProgramSockets`."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class _Link:
     backlog: bytearray = field(default_factory=bytearray)
     watched: int = 0
     ends: bool = False
-    """Whether it is closed once the backlog is written."""
+    """Close it once the backlog is written."""
 
 
 class Connector:
-    """Makes the connections that programs want; `selector` calls back for their events."""
+    """Opens the connections that programs request; `selector` calls back for their events."""
 
     def __init__(self, sockets: ProgramSockets, selector: selectors.BaseSelector) -> None:
         self._sockets = sockets

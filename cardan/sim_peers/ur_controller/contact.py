@@ -1,8 +1,8 @@
-"""Plane that the simulated arm touches, and how its force mode presses against it.
+"""Contact plane of the simulated arm, and its force mode.
 
-The contact is kinematic: a horizontal plane with a stiffness, which the TCP enters; nothing pushes
-the arm off its path. Force mode is the controller's: a speed along each compliant axis that grows
-with the missing part of the requested wrench.
+The contact is kinematic: a horizontal plane with a stiffness, which the TCP enters; the contact
+does not move the arm off its path. Force mode commands a speed along each compliant axis that grows
+with the error of the wrench.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ _COASTS_S: Final = 0.01
 _QUICKEST: Final = (5.0,) * 3 + (25.0,) * 3
 """Accelerations of compliant axes, m/s² and rad/s²."""
 UP: Final = Vector3(0.0, 0.0, 1.0)
-"""Direction in which a plane pushes."""
+"""Direction of the plane's force."""
 
 
 class ContactPlane(NamedTuple):
-    """Obstacle of the arm: all below `height_m` in the base frame."""
+    """Obstacle of the arm: all space below `height_m` in the base frame."""
 
     height_m: float
     stiffness_n_m: float
 
     def force(self, tip: Vector3) -> float:
-        """How hard it pushes the TCP up, N."""
+        """Return the upward force on the TCP, N."""
         return max(self.height_m - tip[2], 0.0) * self.stiffness_n_m
 
 
@@ -42,15 +42,15 @@ class Compliance(NamedTuple):
 
     frame: Frame
     free: tuple[bool, ...]
-    """Which axes are compliant."""
+    """Compliant axes."""
     wrench: tuple[float, ...]
     kind: int
-    """1 to 3: how `frame` is turned."""
+    """1 to 3: rotation of `frame`."""
     limits: tuple[float, ...]
 
 
 class ForceMode:
-    """How fast the TCP goes along the compliant axes."""
+    """Speed law of the TCP along the compliant axes."""
 
     def __init__(self) -> None:
         self.damping = DAMPING
@@ -61,7 +61,7 @@ class ForceMode:
 
     @property
     def moves(self) -> bool:
-        """Whether the TCP goes along a compliant axis."""
+        """True if the TCP moves along a compliant axis."""
         return any(self._speeds)
 
     def begin(self, asked: Compliance) -> None:
@@ -69,11 +69,11 @@ class ForceMode:
         self.asked = self._last = asked
 
     def end(self) -> None:
-        """Leave it: the axes that were compliant come to rest."""
+        """Leave force mode: the compliant axes come to rest."""
         self.asked = None
 
     def halt(self) -> None:
-        """Leave it at once."""
+        """Leave force mode at once."""
         self.asked = self._last = None
         self._speeds = [0.0] * AXES
 
@@ -85,11 +85,11 @@ class ForceMode:
         touched: tuple[float, Vector3],
         dt_s: float,
     ) -> tuple[Vector3, Vector3]:
-        """Motion of the TCP in a frame (m, rad): the program's own `change` along the axes that are
-        not compliant, and that of the force law along those that are.
+        """Return the motion of the TCP in a frame (m, rad): the program's own `change` along rigid
+        axes, and that of the force law along compliant ones.
 
         `contact_force` is the force on the tool, and `touched` the stiffness of the touched object
-        (N/m; 0: none) and the direction in which that pushes.
+        (N/m; 0: none) and the direction of its force.
         """
         asked = self._last
         if asked is None:
@@ -128,7 +128,7 @@ class ForceMode:
 
 
 def _axes(asked: Compliance, at: Frame, change: Vector3) -> Sequence[Vector3]:
-    """The directions of the task frame's axes in the base frame."""
+    """Return the directions of the task frame's axes in the base frame."""
     frame = asked.frame
     x, y, z = (rotate(frame.orientation, Vector3(*each)) for each in _UNITS)
     if asked.kind == 1:

@@ -1,10 +1,10 @@
 """The controller of a simulated UR5 or UR5e, sans I/O: its arm, its modes, and the program it runs.
 
-It runs in frames of its control loop (2 ms, CB3: 8 ms). A program comes as text, and it alone moves
-the arm. `UrServers` adds the connections.
+It runs in frames of its control loop (2 ms, CB3: 8 ms). Programs are received as text; only a
+program moves the arm. `UrServers` adds the connections.
 
-Sources: UR's script manual, RTDE guide and dashboard pages. Values that are not published (how hard
-it stops, how long the brakes take) are chosen here, and docs/simulated-peers.md says so.
+Sources: UR's script manual, RTDE guide and dashboard pages. Unpublished values (deceleration of
+stops, time of the brakes) are chosen here, and listed in docs/simulated-peers.md.
 """
 
 from __future__ import annotations
@@ -50,25 +50,25 @@ from cardan.sim_peers.ur_controller.sockets import ProgramSockets
 from cardan.sim_peers.ur_controller.watchdogs import RtdeWatchdogs
 
 LONGEST_STALL_S: Final = 0.5
-"""Frames that a slow computer owes beyond that are left out."""
+"""Longest delay of a slow computer that is made up for; further frames are skipped."""
 JOINT_RANGE: Final = math.radians(363.0)
 """Range of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
 STOP_CODE: Final = 204
-"""The error of every protective stop: of UR's, that a path failed its check."""
+"""Error of every protective stop: UR's for a failed path check."""
 _KEPT_EVENTS = 10_000
 _MOST_MESSAGES = 1_000
-"""Messages that wait to be sent; further messages of a program are lost."""
+"""Most waiting messages; further messages of a program are lost."""
 _ITS_END = "its end"
 _PORTIONS = 2
 """Portions of parsing and compiling in a frame: about a millisecond."""
 _MOST_PORTIONS = 32
-"""In a frame, where those before it have left theirs: a program of a few pages begins at once."""
+"""Portions in a frame after idle ones: a program of a few pages begins at once."""
 MOST_WAITING: Final = 16
-"""Programs that have come and are not compiled; the rest waits in its sockets."""
+"""Most received programs that are not compiled yet; the rest waits in its sockets."""
 
 
 class UrController:
-    """A UR controller. `advance` at `next_s`; the first time given is when it was switched on."""
+    """UR controller. Call `advance` at `next_s`; it is switched on at the first time given."""
 
     def __init__(self, options: UrControllerOptions | None = None) -> None:
         self.options = options = UrControllerOptions() if options is None else options
@@ -115,7 +115,7 @@ class UrController:
         self.runtime = RuntimeState.STOPPED
         self.remote = options.remote
         self.slider = options.faults.get("slider", 1.0)
-        """The speed slider, 0 to 1."""
+        """Speed slider, 0 to 1."""
         self.frames = 0
         self.program_name = ""
         self.messages: list[bytes] = []
@@ -129,9 +129,9 @@ class UrController:
         self._preparing: Coroutine[None, None, None] | None = None
         """The upload that is being parsed and compiled."""
         self._portions = _MOST_PORTIONS
-        """Of that, left for this frame."""
+        """Portions of that upload left in this frame."""
         self._waiting: tuple[float, Machine] | None = None
-        """A program, and when it begins."""
+        """A program, and the time at which it begins."""
         self._mode_at: tuple[float, RobotMode] | None = None
         self._stopped_s = -math.inf
         self._slow_reported = False
@@ -142,18 +142,18 @@ class UrController:
 
     @property
     def next_s(self) -> float:
-        """When the next frame is due."""
+        """Time of the next frame."""
         if math.isnan(self._start_s):
             return self._now_s
         return self._start_s + (self.frames + 1) * self.period_s
 
     @property
     def time_s(self) -> float:
-        """Since it was switched on, by its own clock: `timestamp` of RTDE."""
+        """Time since it was switched on, by its own clock: `timestamp` of RTDE."""
         return self.frames * self.period_s
 
     def advance(self, now_s: float) -> bool:
-        """Run one frame, if one is due by `now_s`. Returns whether one was."""
+        """Run one frame if one is due by `now_s`; return True if one was."""
         if math.isnan(self._start_s):
             self._start_s = now_s
         self._now_s = now_s
@@ -161,7 +161,7 @@ class UrController:
             return False
         late_s = now_s - self.next_s
         if late_s > LONGEST_STALL_S:
-            # A real one never stands still: its clock goes on, and the arm has done nothing.
+            # A real one never pauses: its clock advances, and the arm has not moved.
             self._start_s += late_s
             if not self._slow_reported:
                 self._slow_reported = True
@@ -204,7 +204,7 @@ class UrController:
             self._end_program("RTDE watchdog")
 
     def _acting(self) -> Action | None:
-        """The program's action in this frame; None if nothing moves the arm."""
+        """Return the program's action in this frame; None if nothing moves the arm."""
         program = self._program
         if program is None or self.runtime is not RuntimeState.PLAYING:
             return None
@@ -223,7 +223,7 @@ class UrController:
         return action
 
     def _order(self, action: Callable[[], None]) -> Function:
-        """A function that ends its own program, which it does after the program's frame."""
+        """Return a function that ends its own program after the program's frame."""
 
         def order() -> Action:
             self._ordered = action
@@ -237,7 +237,7 @@ class UrController:
     # -- programs ---------------------------------------------------------------------------------
 
     def upload(self, text: str, name: str = "") -> None:
-        """Take a program: it replaces the running one. `name`: its name, if not the one in its
+        """Accept a program, which replaces the running one. `name`: its name, if not the one in its
         text."""
         why = self._why_no_program()
         if why:
@@ -252,7 +252,7 @@ class UrController:
         self._note(f"a program is not taken: {why}")
 
     def _prepare(self) -> None:
-        """Go on with received programs, as far as this frame allows."""
+        """Continue the compilation of received programs, as far as this frame allows."""
         while self._portions > 0 and (self._preparing is not None or self._uploads):
             if self._preparing is None:
                 self._preparing = self._prepared(*self._uploads.popleft())
@@ -263,7 +263,7 @@ class UrController:
                 self._preparing = None
 
     async def _prepared(self, text: str, name: str) -> None:
-        """Parse and compile a program, in portions, and have it begin."""
+        """Parse and compile a program in portions, and start it."""
         program = await parsed(text)
         if isinstance(program, ParseFailure):
             self._exception(program.line, program.reason)
@@ -289,7 +289,7 @@ class UrController:
         self._note(f"program {machine.name}")
 
     def _run_beside(self, machine: Machine) -> None:
-        """A secondary program: all of it in this frame, and the other one goes on."""
+        """Run a secondary program whole in this frame; the other one continues."""
         try:
             machine.run_at_once()
         except ProgramError as error:
@@ -307,7 +307,7 @@ class UrController:
         return ""
 
     def stop_program(self, why: str = "stopped at the pendant") -> bool:
-        """Whether there was one to stop."""
+        """Stop the program; return False if there was none."""
         if not self.has_program:
             return False
         self._end_all(why)
@@ -322,7 +322,7 @@ class UrController:
         return True
 
     def resume(self) -> bool:
-        """Go on with a program that is paused."""
+        """Resume a paused program."""
         if self._program is None or self.runtime is not RuntimeState.PAUSED:
             return False
         if self.safety not in MOVES_IN:
@@ -333,7 +333,7 @@ class UrController:
 
     @property
     def has_program(self) -> bool:
-        """A program runs, is paused, or begins."""
+        """True if a program runs, is paused, or begins."""
         return (
             self._program is not None
             or self._waiting is not None
@@ -343,12 +343,12 @@ class UrController:
 
     @property
     def is_full(self) -> bool:
-        """So many programs wait to be compiled that more are not to be read."""
+        """True if so many programs wait for the compiler that no more are read."""
         return len(self._uploads) >= MOST_WAITING
 
     @property
     def script_line(self) -> int:
-        """Line of the program's statement that has the arm now; 0: none has."""
+        """Line of the program's statement that moves the arm now; 0: none."""
         return 0 if self._program is None else self._program.mover_line
 
     def _end_all(self, why: str) -> None:
@@ -393,14 +393,14 @@ class UrController:
     # -- power and safety ------------------------------------------------------------------------
 
     def power_on(self) -> None:
-        """Switch the power on, which takes its time."""
+        """Switch the power on, which takes time."""
         if self.mode is RobotMode.POWER_OFF and self.safety in MOVES_IN:
             self.mode = RobotMode.POWER_ON
             self._mode_at = (self.time_s + self.options.boot_s, RobotMode.IDLE)
             self._note("power on")
 
     def release_brakes(self) -> None:
-        """Release the brakes, which takes its time; where there is no power, switch it on first."""
+        """Release the brakes, which takes time; switch the power on first if it is off."""
         if self.safety not in MOVES_IN or self.mode is RobotMode.RUNNING:
             return
         after_s = self.options.release_s
@@ -410,7 +410,7 @@ class UrController:
         self._note("brakes are being released")
 
     def power_off(self) -> None:
-        """Power goes off, and the brakes hold."""
+        """Switch the power off; the brakes hold."""
         if self.has_program:
             self._end_all("power off")
         self.motion.halt()
@@ -418,13 +418,13 @@ class UrController:
         self._note("power off")
 
     def protective_stop(self, why: str) -> None:
-        """The safety system stops the arm; the program ends."""
+        """Stop the arm by the safety system; the program ends."""
         if self.safety not in MOVES_IN:
             return
         self._stop(SafetyMode.PROTECTIVE_STOP, why)
 
     def unlock_protective_stop(self) -> str:
-        """Release a protective stop if it may be. Returns the reply of the dashboard."""
+        """Release a protective stop if allowed; return the reply of the dashboard."""
         if self.safety is not SafetyMode.PROTECTIVE_STOP:
             return "Protective stop releasing"
         if self.time_s - self._stopped_s < UNLOCK_AFTER_S:
@@ -455,7 +455,7 @@ class UrController:
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
 
     def release_emergency_stop(self) -> None:
-        """Pull the button out again; the power stays off."""
+        """Release the emergency stop button; the power stays off."""
         if self.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
             self.safety = SafetyMode.NORMAL
 

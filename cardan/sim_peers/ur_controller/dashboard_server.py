@@ -31,7 +31,7 @@ _REMOTE_ONLY = frozenset(
         dashboard.SHUTDOWN,
     )
 )
-"""An e-Series in local control refuses these."""
+"""Requests that an e-Series in local control refuses."""
 _Version = tuple[int, int]
 _SINCE: Mapping[str, tuple[_Version | None, _Version | None]] = {
     "clear operational mode": (None, (5, 0)),
@@ -50,17 +50,17 @@ _SINCE: Mapping[str, tuple[_Version | None, _Version | None]] = {
     "setuserrole": ((3, 1), None),
     "version": (None, (5, 0)),
 }
-"""Since when a CB3 and an e-Series know a request; None: never. All else they always did."""
+"""First versions of CB3 and e-Series with a request; None: never. Others are in all versions."""
 _ALWAYS: Mapping[bool, _Version] = {False: (3, 0), True: (5, 0)}
 
 
 def _bare(answer: Callable[[], str]) -> Callable[[], str]:
-    """The answer without the words before its value."""
+    """Return the answer without the words before its value."""
     return lambda: answer().rpartition(": ")[2]
 
 
 class Dashboard:
-    """Answers requests."""
+    """Answers the requests of a dashboard client."""
 
     def __init__(self, controller: UrController, pendant: Pendant) -> None:
         self._controller, self._pendant = controller, pendant
@@ -83,7 +83,7 @@ class Dashboard:
         )
 
     def answer(self, line: str) -> str:
-        """The reply to a request, without its end."""
+        """Return the reply to a request, without its line end."""
         request = " ".join(line.split())
         words = request.lower()
         begun = self._beginning(words)
@@ -98,7 +98,7 @@ class Dashboard:
         return f"could not understand: '{request}'"
 
     def _known(self, table: Mapping[str, V]) -> dict[str, V]:
-        """Entries of `table` that this version has."""
+        """Return the entries of `table` that this version has."""
         version, always = self._controller.options.version[:2], _ALWAYS[self._e_series]
         found = {}
         for words, made in table.items():
@@ -108,7 +108,7 @@ class Dashboard:
         return found
 
     def _beginning(self, words: str) -> str:
-        """The request that takes an argument, and has one here."""
+        """Return the request that takes an argument, and has one here."""
         found = (begin for begin in self._begins if words.startswith(f"{begin} "))
         return max(found, key=len, default="")
 

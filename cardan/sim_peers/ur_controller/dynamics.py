@@ -1,8 +1,8 @@
 """Torques of an arm's motion by the recursive Newton-Euler algorithm, in bodies' own frames.
 
-It needs no library, so that a simulated controller gives the same values wherever it runs, and
-nothing is loaded while it keeps time; the tests compare it with Pinocchio. Bodies are rigid, and
-joints without friction. SI units; vectors are plain tuples, all joints turn about their z axes.
+It needs no library: a simulated controller gives the same values on every computer, and loads
+nothing in its real-time loop. The tests compare it with Pinocchio. Bodies are rigid, and joints
+without friction. SI units; vectors are plain tuples, all joints turn about their z axes.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ class Effort(NamedTuple):
     load_wrench: tuple[float, ...]
     """Wrench of the flange on the load: force, then torque about the flange; flange axes."""
     base_wrench: tuple[float, ...]
-    """Wrench of the base on the arm, likewise, in the base of the model."""
+    """Wrench of the base on the arm, in the base of the model."""
     acceleration: Triple
-    """Proper acceleration of the flange, as an accelerometer has it; flange axes."""
+    """Proper acceleration of the flange, as measured by an accelerometer; flange axes."""
     turning: Triple
     """Angular acceleration of the flange, in its axes."""
     carried: Rows
-    """Matrix from a place to the acceleration that turning adds there."""
+    """Matrix from a position to the acceleration that rotation adds there."""
 
     def at(self, place: Sequence[float]) -> Triple:
-        """The acceleration of a point that goes with the flange, likewise."""
+        """Return the proper acceleration of a point fixed to the flange; flange axes."""
         x, y, z = place
         fx, fy, fz = self.acceleration
         (kxx, kxy, kxz), (kyx, kyy, kyz), (kzx, kzy, kzz) = self.carried
@@ -66,7 +66,7 @@ class _Body(NamedTuple):
     x: Triple
     y: Triple
     z: Triple
-    """The axes of the joint at 0, in the body before."""
+    """Axes of the joint at 0, in the previous body."""
     place: Triple
     load: RigidBody
 
@@ -75,7 +75,7 @@ class Dynamics:
     """Dynamics of one arm."""
 
     def __init__(self, arm: ArmModel) -> None:
-        """ValueError for an arm with another joint than those that turn about z."""
+        """Raises ValueError for an arm with a joint that does not turn about z."""
         if any(joint.axis != (0.0, 0.0, 1.0) for joint in arm.joints):
             raise ValueError(f"{arm.name}: a joint that does not turn about its z axis")
         self._bodies: list[_Body] = []
@@ -87,8 +87,8 @@ class Dynamics:
             self._bodies.append(_Body(x, y, z, joint.placement.position, load))
 
     def mass_matrix(self, q: Sequence[float], load: RigidBody) -> list[tuple[float, ...]]:
-        """The joints' inertia with a load on the flange, kg·m²: torque of each for an acceleration
-        of 1 rad/s² of one of them."""
+        """Return the joints' inertia with a load on the flange, kg·m²: torques for an acceleration
+        of 1 rad/s² of one joint."""
         rest = (0.0,) * len(q)
         return [
             self.effort(q, rest, [float(i == j) for i in range(len(q))], load, _NOTHING).torques
@@ -98,13 +98,13 @@ class Dynamics:
     def coriolis(
         self, q: Sequence[float], qd: Sequence[float], load: RigidBody
     ) -> tuple[float, ...]:
-        """The joints' torques of a motion without gravity and acceleration, N·m."""
+        """Return the joints' torques of a motion without gravity and acceleration, N·m."""
         return self.effort(q, qd, (0.0,) * len(q), load, _NOTHING).torques
 
     def acceleration(
         self, q: Sequence[float], qd: Sequence[float], torques: Sequence[float], load: RigidBody
     ) -> list[float]:
-        """Joint accelerations by torques beside those that hold the weight (N·m), rad/s²."""
+        """Return the joint accelerations by torques beyond gravity compensation (N·m), rad/s²."""
         taken = self.coriolis(q, qd, load)
         left = [torque - each for torque, each in zip(torques, taken, strict=True)]
         masses = [list(row) for row in self.mass_matrix(q, load)]
@@ -120,11 +120,11 @@ class Dynamics:
         load: RigidBody,
         gravity: Triple,
     ) -> Effort:
-        """Effort of a motion with a load on the flange. `gravity` is the acceleration of the base
-        that has the same effect: up."""
+        """Return the effort of a motion with a load on the flange. `gravity` is the acceleration of
+        the base with the same effect: up."""
         # Out along the arm: w is angular velocity, a angular acceleration, v and f the joint's
-        # velocity and acceleration, each in the body's own axes; "carried" maps a place in the body
-        # to the acceleration that turning adds there.
+        # velocity and acceleration, each in the body's own axes; "carried" maps a position in the
+        # body to the acceleration that rotation adds there.
         wx = wy = wz = ax = ay = az = vx = vy = vz = 0.0
         fx, fy, fz = gravity
         carried = _STILL
@@ -173,7 +173,7 @@ class Dynamics:
             )
         force, torque, momentum = _inertial(load, *now)
         load_wrench = (*force, *torque)
-        # And back: the forces of the bodies before.
+        # Backward: the forces of the previous bodies.
         (fx, fy, fz), (nx, ny, nz), (mx, my, mz) = force, torque, momentum
         torques = []
         for (xx, xy, xz), (yx, yy, yz), (zx, zy, zz), (x, y, z), taken in reversed(passed):
@@ -204,7 +204,7 @@ class Dynamics:
 
 
 def _solved(matrix: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
-    """`x` of `matrix x = right`, by Cholesky's decomposition: `matrix` is symmetric and positive
+    """Solve `matrix x = right` by Cholesky's decomposition; `matrix` is symmetric and positive
     definite."""
     lower: list[list[float]] = []
     half: list[float] = []
@@ -232,7 +232,7 @@ _STILL: Rows = (_NOTHING, _NOTHING, _NOTHING)
 def _inertial(
     load: RigidBody, w: Triple, a: Triple, v: Triple, f: Triple, carried: Rows
 ) -> tuple[Triple, Triple, Triple]:
-    """Force, torque about the joint, and momentum of a body that moves so."""
+    """Return force, torque about the joint, and momentum of a moving body."""
     mass, (x, y, z), (xx, yy, zz, xy, xz, yz) = load
     if not mass:
         return _STILL

@@ -1,4 +1,4 @@
-"""URScript's functions of the arm's dynamics, with the payload that is set."""
+"""URScript's functions of the arm's dynamics, with the present payload."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cardan.sim_peers.ur_controller.motion import ArmMotion
 
 
 def dynamics_functions(motion: ArmMotion, dynamics: Dynamics) -> Mapping[str, Function]:
-    """By name. Defaults are the measured joints and their speeds, and the active TCP."""
+    """Return the functions by name. Defaults: measured joints and speeds, and the active TCP."""
 
     def joints(q: Any) -> tuple[float, ...]:
         return tuple(motion.actual_q) if q is None else checks.joints("q", q)

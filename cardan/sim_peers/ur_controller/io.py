@@ -26,13 +26,13 @@ class Registers:
 
 
 class RobotIo:
-    """Digital inputs and outputs are bits: standard 0 to 7, configurable 8 to 15, tool 16, 17."""
+    """Digital inputs and outputs as bits: standard 0 to 7, configurable 8 to 15, tool 16, 17."""
 
     def __init__(self) -> None:
         self.digital_inputs = 0
         self.digital_outputs = 0
         self.analog_inputs = [0.0, 0.0]
-        """Fractions of their ranges, like all analog values."""
+        """Fractions of the ranges, like all analog values."""
         self.tool_analog_inputs = [0.0, 0.0]
         self.analog_outputs = [0.0, 0.0]
         self.analog_input_domains = [0, 0]

@@ -22,7 +22,7 @@ _DIGITAL: Final = 10
 
 
 def register_functions(registers: Registers) -> Mapping[str, Function]:
-    """By name."""
+    """Return the functions by name."""
     found = {}
     for kind, suffix in (("integer", "int"), ("float", "double"), ("boolean", "bit")):
         for way in ("input", "output"):
@@ -65,7 +65,7 @@ def _address(value: Any, count: int) -> int:
 
 
 def io_functions(io: RobotIo) -> Mapping[str, Function]:
-    """By name."""
+    """Return the functions by name."""
     found = {}
     for place, (first, count) in PLACES.items():
         found[f"get_{place}_digital_in"] = _digital_in(io, first, count)
@@ -73,7 +73,7 @@ def io_functions(io: RobotIo) -> Mapping[str, Function]:
         found[f"set_{place}_digital_out"] = _set_digital_out(io, first, count)
 
     def bit(n: Any) -> int:
-        """Bit of one of the functions without a place."""
+        """Return the bit for one of the functions without a place."""
         at = whole("n", n, 0, _DIGITAL - 1)
         return at if at < PLACES["standard"][1] else at - PLACES["standard"][1] + PLACES["tool"][0]
 
@@ -154,7 +154,7 @@ def message_functions(
     period_s: float,
     time_s: Callable[[], float],
 ) -> Mapping[str, Function]:
-    """By name. `say` takes the output of a program."""
+    """Return the functions by name. `say` takes the output of a program."""
 
     def popup(s: Any, title: Any, warning: Any, error: Any, blocking: Any) -> Action | None:
         kind = (truth("warning", warning), truth("error", error), truth("blocking", blocking))

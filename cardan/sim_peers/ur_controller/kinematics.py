@@ -13,7 +13,7 @@ from cardan.types import IDENTITY_POSE, Pose as Frame, Vector3
 
 _TURN: Final = 2.0 * math.pi
 _SINGULAR: Final = 1e-9
-"""Sine of the second wrist joint: below, the first and the third turn about one axis."""
+"""Sine of the second wrist joint below which the first and the third turn about one axis."""
 _ROUNDING: Final = 1e-12
 _MOMENT_S: Final = 1e-5
 _X, _Y, _Z = Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0)
@@ -39,18 +39,18 @@ class UrKinematics:
         self.links, self._low, self._high = links, low, high
 
     def forward(self, q: Sequence[float], tcp: Frame = IDENTITY_POSE) -> Frame:
-        """Pose of the TCP; `tcp` is given in the flange's frame."""
+        """Return the pose of the TCP; `tcp` is given in the flange's frame."""
         return compose(forward(q, self.links).pose, tcp)
 
     def jacobian(self, q: Sequence[float], tcp: Frame) -> list[tuple[float, ...]]:
-        """The TCP's Jacobian in the base frame, a column a joint: m over rad."""
+        """Return the TCP's Jacobian in the base frame, a column a joint: m over rad."""
         frames = forward(q, self.links)
         return jacobian(frames._replace(pose=compose(frames.pose, tcp)))
 
     def jacobian_rate(
         self, q: Sequence[float], qd: Sequence[float], tcp: Frame
     ) -> list[tuple[float, ...]]:
-        """Time derivative of the Jacobian at the speeds `qd`, by a central difference."""
+        """Return the Jacobian's time derivative at the speeds `qd`, by a central difference."""
         before, after = (
             self.jacobian([at + side * v for at, v in zip(q, qd, strict=True)], tcp)
             for side in (-_MOMENT_S, _MOMENT_S)
@@ -61,7 +61,7 @@ class UrKinematics:
         ]
 
     def speed(self, q: Sequence[float], qd: Sequence[float], tcp: Frame) -> tuple[float, ...]:
-        """The TCP's speed in the base frame, m/s over rad/s."""
+        """Return the TCP's speed in the base frame, m/s over rad/s."""
         columns = self.jacobian(q, tcp)
         return tuple(
             math.fsum(column[row] * v for column, v in zip(columns, qd, strict=True))
@@ -71,7 +71,7 @@ class UrKinematics:
     def inverse(
         self, goal: Frame, near: Sequence[float], tcp: Frame = IDENTITY_POSE
     ) -> list[float] | None:
-        """The joints nearest to `near` that have the TCP at `goal`; None: there are none."""
+        """Return the joints nearest to `near` that place the TCP at `goal`; None: no solution."""
         best, least = None, math.inf
         for solution in self._solutions(compose(goal, inverse(tcp)), near[5]):
             q, distance = [], 0.0
@@ -90,10 +90,10 @@ class UrKinematics:
         return best
 
     def _solutions(self, flange: Frame, last_q: float) -> Iterator[tuple[float, ...]]:
-        """All there are, up to whole turns: two shoulders, two wrists, two elbows.
+        """Yield all solutions, up to whole turns: two shoulders, two wrists, two elbows.
 
-        Joints 2, 3 and 4 turn about one direction, which joint 1 alone sets: the flange's parts
-        along it give joints 1, 5 and 6, and the rest is a triangle in a plane.
+        Joints 2, 3 and 4 turn about one direction, which joint 1 alone sets: the flange's
+        components along it give joints 1, 5 and 6, and the rest is a triangle in a plane.
         """
         (_, d1, *_), (_, _, a2, *_), (_, _, a3, *_), (_, d4, *_), (_, d5, *_), (_, d6, *_) = (
             self.links

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
 CALL_STEPS: Final = 40
-"""Steps of computing for a call of a function: its cost, measured in operators."""
+"""Cost of a function call in steps; an operator is one step."""
 POSE_STEPS: Final = 200
 """Steps of a function that works with poses, or with the arm's motion."""
 KINEMATICS_STEPS: Final = 600
@@ -24,14 +24,14 @@ TOO_MUCH_TIME: Final = (
     "The program used too much time without instructing the robot what to do. Consider using a "
     "Wait or sync() to split long program sequences that do not move the robot."
 )
-"""The controller's words, as its users report them."""
+"""Text of the controller, as reported by users."""
 TOO_MUCH_BEHIND: Final = "Runtime is too much behind"
 """Error of a secondary program that takes time."""
 TWO_THREADS: Final = "Another thread is already controlling the robot"
 
 
 class ProgramError(Exception):
-    """The program cannot go on."""
+    """Error that ends the program."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(f"line {line}: {reason}")
@@ -39,27 +39,27 @@ class ProgramError(Exception):
 
 
 class HaltError(Exception):
-    """The program ends here, with all of its threads."""
+    """End of the program with all of its threads."""
 
 
 class ThreadEndError(Exception):
-    """A thread has killed itself."""
+    """End of a thread by itself."""
 
 
 class Sleep(NamedTuple):
-    """Do nothing for a time."""
+    """Wait for a time."""
 
     left_s: float
 
 
 class Pending(NamedTuple):
-    """Wait until a value is there, while the arm goes on."""
+    """Wait until a value is available, while the arm continues."""
 
     poll: Callable[[], Any]
-    """The value; None if it is not there yet."""
+    """Returns the value; None if it is not available yet."""
     most_s: float = math.inf
     otherwise: Callable[[], Any] = lambda: None
-    """The value, when nothing came in that time: in the next frame at the earliest."""
+    """Returns the value after a timeout, in the next frame at the earliest."""
 
 
 class Joined(NamedTuple):
@@ -69,7 +69,7 @@ class Joined(NamedTuple):
 
 
 Action = tuple[Any, ...]
-"""A NamedTuple that the motion knows, or one of the above."""
+"""NamedTuple of a motion, or one of the above."""
 Running = Generator[Action, Any, Any]
 
 
@@ -79,15 +79,15 @@ class Function(NamedTuple):
     parameters: tuple[str, ...]
     defaults: Mapping[str, Any]
     do: Callable[..., Any]
-    """Gives a value; a ValueError says why it cannot."""
+    """Returns a value; raises ValueError with the reason of a failure."""
     takes_time: bool = False
-    """`do` may give an `Action`: the program goes on when that is done."""
+    """`do` may return an `Action`; the program continues after it."""
     steps: int = CALL_STEPS
-    """Steps of computing that a call counts as."""
+    """Cost of a call in steps."""
 
 
 def costing(steps: int, functions: Mapping[str, Function]) -> Mapping[str, Function]:
-    """These functions, each of which counts as so many steps."""
+    """Return these functions, each with this cost in steps."""
     return {name: each._replace(steps=steps) for name, each in functions.items()}
 
 
@@ -104,15 +104,15 @@ class Runtime(Protocol):
     """Interface of the machine that runs a program."""
 
     steps: list[int]
-    """Left in this frame."""
+    """Steps left in this frame."""
     stack: list[list[Any]]
-    """The variables of the functions that the thread which runs is in."""
+    """Variables of the functions on the running thread's stack."""
     line: int
     """Line of the call that takes time."""
     globals: list[Any]
 
     def start(self, name: str, frame: list[Any], body: Callable[[list[Any]], Any]) -> int:
-        """A thread's handle. Raises ValueError."""
+        """Start a thread; return its handle. Raises ValueError."""
         ...
 
     def kill(self, handle: Any) -> None:
@@ -120,5 +120,5 @@ class Runtime(Protocol):
         ...
 
     def lives(self, handle: Any) -> bool:
-        """Whether a thread has not ended."""
+        """Return True if a thread has not ended."""
         ...

@@ -3,11 +3,11 @@
 Statements take no time. A thread runs until it calls a function that does, waits for another
 thread, or ends; then the next one runs. The result of a frame is one `Action` of one thread, or
 none. Threads only take turns when one of them waits: code between `enter_critical` and
-`exit_critical` is never interrupted if it takes no time; if it does, others run, as programs in use
-need it (the manual does not say).
+`exit_critical` is never interrupted if it takes no time; otherwise others run, because existing
+programs need it (the manual does not say).
 
-Source: UR's script manual, threads and secondary programs. How much of a frame computing may take
-is not published.
+Source: UR's script manual, threads and secondary programs. The share of a frame for computation is
+not published.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ class Thread:
         self.running: Running | None = None
         """None: it has ended."""
         self.stack: list[list[Any]] = []
-        """Variables of the functions it is in."""
+        """Variables of the functions on its stack."""
         self.line = 1
         self.acted = -1
-        """The newest frame that it used up."""
+        """Newest frame that it used up."""
         self.action: Action | None = None
         """Its action of the arm in the next frame."""
         self.wait: Joined | Pending | None = None
         self.until = 0.0
-        """The frame with which it goes on, or the waiting ends."""
+        """Frame in which it continues, or the wait ends."""
         self.value: Any = None
-        """The value that it was waiting for."""
+        """Value that it was waiting for."""
 
 
 class Machine:
@@ -72,11 +72,11 @@ class Machine:
         self.frame = 0
         self.ended = False
         self.steps = [0]
-        """Left in this frame."""
+        """Steps left in this frame."""
         self.stack: list[list[Any]] = []
-        """Stack of the thread that runs."""
+        """Stack of the running thread."""
         self.line = 1
-        """Line of the call that runs."""
+        """Line of the running call."""
         self._period_s = period_s
         self._threads: list[Thread] = []
         self._started = 0
@@ -88,7 +88,7 @@ class Machine:
         self.names: Mapping[str, int] = {}
 
     async def load(self, program: Program, functions: Mapping[str, Function]) -> None:
-        """Compile a program, in portions, before the first step. Raises ProgramError."""
+        """Compile a program in portions, before the first step. Raises ProgramError."""
         self.name, self.secondary = program.name, program.secondary
         self.names, frame, body = await Compiler(program, functions, self).compiled()
         self.start(self.name, frame, body)
@@ -100,20 +100,20 @@ class Machine:
 
     @property
     def mover_line(self) -> int:
-        """Line of the thread that moves the arm in this frame; 0: none does."""
+        """Line of the thread that moves the arm in this frame; 0: none."""
         return 0 if self._mover is None else self._mover.line
 
     @property
     def variables(self) -> dict[str, Any]:
-        """The global ones that have a value."""
+        """Global variables that have a value."""
         return {name: self.globals[n] for name, n in self.names.items() if self.has(n)}
 
     def has(self, number: int) -> bool:
-        """Whether a global variable has a value."""
+        """Return True if a global variable has a value."""
         return self.globals[number] is not UNSET
 
     def step(self, left_of: Callable[[Action], Action | None]) -> Action | None:
-        """Run a frame; return the arm's action in it. `left_of` gives the rest of an action then.
+        """Run a frame; return the arm's action in it. `left_of` returns an action's rest after it.
 
         Raises ProgramError.
         """
@@ -131,7 +131,7 @@ class Machine:
         return None if self.ended else self._action
 
     def run_at_once(self) -> None:
-        """The whole of a program that may take no time. Raises ProgramError."""
+        """Run the whole of a program that may take no time. Raises ProgramError."""
         self.step(_nothing_left)
         if not self.ended:
             raise ProgramError(self.main_line, TOO_MUCH_BEHIND)
@@ -146,7 +146,7 @@ class Machine:
     # -- threads ----------------------------------------------------------------------------------
 
     def start(self, name: str, frame: list[Any], body: Callable[[list[Any]], Any]) -> int:
-        """A thread's handle; it runs later in this frame. Raises ValueError."""
+        """Start a thread, which runs later in this frame; return its handle. Raises ValueError."""
         if self.secondary and self._started:
             raise ValueError("a secondary program has no threads")
         if len(self._threads) >= MOST_THREADS:
@@ -159,7 +159,7 @@ class Machine:
         return made.handle
 
     def kill(self, handle: Any) -> None:
-        """End a thread; none has the handle 0."""
+        """End a thread; handle 0 is none's."""
         for each in self._threads[1:]:
             if each.handle == handle:
                 if each is self._running:
@@ -167,7 +167,7 @@ class Machine:
                 self._end(each)
 
     def lives(self, handle: Any) -> bool:
-        """Whether a thread has not ended."""
+        """Return True if a thread has not ended."""
         return any(e.handle == handle and e.running is not None for e in self._threads[1:])
 
     def _end(self, thread: Thread) -> None:
@@ -178,7 +178,7 @@ class Machine:
             self._mover = self._action = None
 
     def _turn(self) -> bool:
-        """Every thread that can go on does; whether there was one."""
+        """Run every thread that can continue; return False if there was none."""
         there_was = False
         for each in tuple(self._threads):
             if each.running is not None and each.acted < self.frame and self._ready(each):
@@ -251,7 +251,7 @@ class Machine:
     # -- memory -----------------------------------------------------------------------------------
 
     def _size(self) -> int:
-        """Bytes that all values take, about; more than `MOST_BYTES` are not counted on."""
+        """Estimate the bytes of all values; counting stops above `MOST_BYTES`."""
         total = 0
         for values in self._retained():
             for each in values:
@@ -279,4 +279,4 @@ def _size(value: Any) -> int:
 
 
 def _nothing_left(action: Action) -> None:
-    """Of an action in its only frame."""
+    """Return no rest, for an action in its only frame."""

@@ -17,11 +17,11 @@ from cardan.sim_peers.ur_controller.values import UrPose, is_number
 
 _BITS: Final = 32
 _LARGEST_INVERTED: Final = 12
-"""Rows of a matrix."""
+"""Largest number of rows of a matrix to invert."""
 
 
 def math_functions(chance: random.Random) -> Mapping[str, Function]:
-    """By name."""
+    """Return the functions by name."""
     one = {
         "acos": math.acos,
         "asin": math.asin,
@@ -109,7 +109,7 @@ def _transpose(value: Any) -> list[list[Any]]:
 
 
 def inverse_matrix(value: Any) -> list[list[float]]:
-    """Inverse of a square matrix, by Gauss and Jordan."""
+    """Return the inverse of a square matrix, by Gauss-Jordan elimination."""
     rows = _matrix(value)
     count = len(rows)
     if count != len(rows[0]) or count > _LARGEST_INVERTED:
@@ -129,7 +129,7 @@ def inverse_matrix(value: Any) -> list[list[float]]:
 
 
 def _to_integer(value: Any) -> int:
-    """The first is the lowest bit."""
+    """Return the integer of a list of bits, the lowest first."""
     if not isinstance(value, list) or len(value) > _BITS:
         raise ValueError(f"{text(value)} is no list of at most {_BITS} truths")
     found = sum(truth("l", each) << n for n, each in enumerate(value))

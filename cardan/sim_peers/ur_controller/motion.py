@@ -1,14 +1,14 @@
-"""Motion of the simulated arm: that of a program, frame by frame, and the arm behind it.
+"""Motion of the simulated arm: the program's target, frame by frame, and the arm's lag.
 
-UR publishes the speed profile of its moves (a trapezoid) and where a blend begins, and neither
-servoj's law nor the arm's. Here `servoj` moves the target towards the joints asked for with
-`lookahead_time` as its time constant, whatever the gain, which is the lag behind a ramp; and the
-arm follows its target with 8 ms.
+UR publishes the speed profile of its moves (a trapezoid) and the start of a blend, but neither
+servoj's law nor the arm's. Here `servoj` moves the target to the commanded joints with the time
+constant `lookahead_time` for any gain, which is the lag behind a ramp; the arm follows its target
+with 8 ms.
 
-A move with a blend radius is done for its program once the TCP is that near to the waypoint. A move
-that comes then begins at once, and the rest of the first is added to it until it is over, each
-with half of the acceleration. Nothing has to be known ahead for that: until another comes, the
-first is on its way to rest at its waypoint.
+A move with a blend radius is done for its program once the TCP is within it of the waypoint. The
+next move begins at once, and the rest of the first is superimposed until its end, each with half of
+the acceleration. This needs no look-ahead: without a next move the first comes to rest at its
+waypoint.
 """
 
 from __future__ import annotations
@@ -66,22 +66,22 @@ from cardan.spatial import (
 from cardan.types import IDENTITY_POSE, Pose as Frame, Vector3
 
 KEPT_POSITIONS: Final = 1000
-"""Frames back to which `get_actual_joint_positions_history` knows the joints."""
+"""Frames of history for `get_actual_joint_positions_history`."""
 HARDEST_N: Final = 150.0
-"""Force of a contact at which the safety system stops the arm."""
+"""Contact force at which the safety system stops the arm."""
 TOUCHED_N: Final = 5.0
-"""Force from which `tool_contact` sees a contact."""
+"""Force from which `tool_contact` detects a contact."""
 STEADY_S: Final = 0.5
 GRAVITY: Final = (0.0, 0.0, 9.82)
 
 _ARM_LAG_S: Final = 0.008
 _STOP_RAD_S2: Final = 15.0
-"""Deceleration of a stop that is not the program's."""
+"""Deceleration of a stop that the program has not commanded."""
 _SLIDER_PER_S: Final = 4.0
-"""How fast the speed follows the slider, and comes back after a pause."""
+"""Rate at which the speed follows the slider, and recovers after a pause."""
 _AT_REST: Final = 1e-9
 _TOO_FAST: Final = 1.05
-"""Multiple of a joint's highest speed: here the safety system stops the arm."""
+"""Multiple of a joint's highest speed at which the safety system stops the arm."""
 _ROUNDING: Final = 1e-9
 
 
@@ -92,7 +92,7 @@ _IN_TOOL_SPACE: Final = (MoveL, MoveC, SpeedL)
 
 
 class UrControlMode(enum.IntEnum):
-    """How the arm is controlled; the primary interface has the numbers."""
+    """Control mode of the arm; the numbers are the primary interface's."""
 
     POSITION = 0
     TEACH = 1
@@ -116,41 +116,41 @@ class ExternalSensor:
     place: tuple[float, ...]
     """Position from the flange, m."""
     turned: bool
-    """Levers count the other way round, as with `enable_external_ft_sensor`."""
+    """Levers have the opposite sign, as with `enable_external_ft_sensor`."""
 
 
 class _StopError(Exception):
-    """Why the safety system has to stop the arm."""
+    """Reason why the safety system has to stop the arm."""
 
 
 @dataclass(eq=False)
 class _Run:
-    """A move on its way."""
+    """Active move."""
 
     action: Move
     path: MovejPath | ToolPath
     course: Course
     tcp: Frame
     released_at: float
-    """The length at which the program goes on."""
+    """Length at which the program continues."""
     waypoint: UrPose
     released: bool = False
-    """The program has gone on, or may."""
+    """The program has continued, or may."""
 
     @property
     def done(self) -> bool:
-        """At its waypoint, at rest."""
+        """True at rest at its waypoint."""
         return self.course.done
 
 
 @dataclass(eq=False)
 class _Tail:
-    """Rest of the move before."""
+    """Rest of the previous move."""
 
     run: _Run
     course: Course
     joints: list[float]
-    """At its waypoint."""
+    """Joints at its waypoint."""
 
 
 class ArmMotion:
@@ -183,16 +183,16 @@ class ArmMotion:
         self.gravity: tuple[float, ...] = GRAVITY
         self.freedrive = False
         self.paused = False
-        """The program is: the arm rests on its path."""
+        """The program is paused: the arm rests on its path."""
         self.force = ForceMode()
         self.sensor: ExternalSensor | None = None
-        """Sensor that replaces the arm's own; None: none does."""
+        """Sensor that replaces the arm's own; None: no replacement."""
         self.sensed: tuple[float, ...] = (0.0,) * AXES
-        """Its reading that a client has written: force (N) and torque (N·m), flange axes."""
+        """Its measurement written by a client: force (N) and torque (N·m), flange axes."""
         self._by_torque = False
         """A program drives the joints by torques in this frame."""
         self.scale = 1.0
-        """How fast a program's motion is, as a share; it follows the slider."""
+        """Speed of a program's motion as a share; it follows the slider."""
         self._fresh = True
         self._speed, self._low, self._high = speed, low, high
         self._plane, self._say = plane, say
@@ -202,45 +202,45 @@ class ArmMotion:
         self._rest_s = 0.0
         self._past: deque[tuple[float, ...]] = deque([tuple(start)], maxlen=KEPT_POSITIONS)
         self._q = list(start)
-        """Joints that the program's motion asks for, rad; force mode adds to them."""
+        """Joints commanded by the program's motion, rad; force mode adds to them."""
         self._qd = [0.0] * AXES
         self._run: _Run | None = None
         self._tail: _Tail | None = None
         self._skipped: Move | None = None
         self._apart = False
-        """Whether force mode has moved the arm off the program's motion."""
+        """True if force mode has moved the arm off the program's motion."""
         self._rate = 1.0
         """Rate of a move's time while it is held."""
         self._twist: list[float] | None = None
-        """The TCP's speed of a program that sets it."""
+        """TCP speed set by a program."""
         self._line: Frame | None = None
-        """Pose to which that has brought the TCP."""
+        """Pose that the TCP has reached by it."""
 
     # -- queries ----------------------------------------------------------------------------------
 
     @property
     def moving(self) -> bool:
-        """Whether the target moves."""
+        """True if the target moves."""
         return any(abs(v) > _AT_REST for v in self.target_qd)
 
     @property
     def load(self) -> RigidBody:
-        """The payload."""
+        """Payload as a rigid body."""
         return RigidBody(self.payload.mass, self.payload.cog, self.payload.inertia)
 
     @property
     def resuming(self) -> bool:
-        """Whether a move speeds up again that was held on its path."""
+        """True if a move speeds up again after it was held on its path."""
         return self._run is not None and not self.paused and self._rate < 1.0
 
     @property
     def steady(self) -> bool:
-        """Whether the target has been at rest for half a second."""
+        """True if the target has been at rest for half a second."""
         return self._rest_s >= STEADY_S - _ROUNDING
 
     @property
     def control_mode(self) -> UrControlMode:
-        """How the arm is controlled now."""
+        """Present control mode of the arm."""
         if self.freedrive:
             return UrControlMode.TEACH
         if self._by_torque:
@@ -249,7 +249,7 @@ class ArmMotion:
 
     @property
     def tcp_offset(self) -> UrPose:
-        """The TCP in the flange's frame."""
+        """TCP in the flange's frame."""
         return pose_of(self.tcp)
 
     def target_tcp_pose(self) -> UrPose:
@@ -274,18 +274,18 @@ class ArmMotion:
         return self.target_tcp_pose() if run is None or run.done else run.waypoint
 
     def in_range(self, q: Sequence[float]) -> bool:
-        """Whether all joints are."""
+        """Return True if all joints are in range."""
         return all(
             low <= each <= high for low, each, high in zip(self._low, q, self._high, strict=True)
         )
 
     def is_singular(self, threshold: float) -> bool:
-        """Whether the smallest singular value of the arm's Jacobian is below `threshold`."""
+        """Return True if the smallest singular value of the arm's Jacobian is below `threshold`."""
         return Differential(forward(self.actual_q, self.kinematics.links)).is_singular(threshold)
 
     def tcp_force(self) -> UrPose:
-        """The force on the tool (N, N·m) about the flange, base frame: by the sensor of others, or
-        `contact_force`."""
+        """Return the force on the tool (N, N·m) about the flange, base frame: from the external
+        sensor, or `contact_force`."""
         sensor = self.sensor
         if sensor is None:
             return self.contact_force()
@@ -294,13 +294,13 @@ class ArmMotion:
         way = -1.0 if sensor.turned else 1.0
         lever = scale(cross(Vector3(*sensor.place), force), way)
         force, torque = rotate(turn, force), rotate(turn, add(Vector3(*self.sensed[3:]), lever))
-        # It feels the load's weight, which is taken out.
+        # It measures the load's weight, which is subtracted.
         held = scale(Vector3(*self.gravity), self.payload.mass)
         center = rotate(turn, Vector3(*self.payload.cog))
         return UrPose((*add(force, held), *add(torque, scale(cross(center, held), way))))
 
     def contact_force(self) -> UrPose:
-        """Contact force since zeroing (N, N·m) about the flange, base frame."""
+        """Return the contact force since zeroing (N, N·m) about the flange, base frame."""
         force = self._contact_force()
         if not any(force):
             return UrPose((0.0,) * AXES)
@@ -309,7 +309,7 @@ class ArmMotion:
         return UrPose((*force, *cross(subtract(tip, flange), force)))
 
     def joint_torques(self) -> list[float]:
-        """Torques by which the joints hold the contact, N·m."""
+        """Torques by which the joints resist the contact, N·m."""
         return self._joint_torques(self.actual_q)
 
     def _joint_torques(self, q: Sequence[float]) -> list[float]:
@@ -317,22 +317,22 @@ class ArmMotion:
         return [column[2] * pushed for column in self.kinematics.jacobian(q, self.tcp)]
 
     def zero_force(self) -> None:
-        """Zero the sensor: its present force is the new zero."""
+        """Zero the sensor at its present force."""
         self._zero = Vector3(0.0, 0.0, self.pushed())
 
     def touched(self, direction: Sequence[float]) -> int:
-        """Frames since a contact began that is against `direction`; 0: there is none."""
+        """Return the frames since the start of a contact against `direction`; 0: no contact."""
         if self.pushed() < TOUCHED_N or (any(direction[:3]) and direction[2] >= 0.0):
             return 0
         return self._contact_frames
 
     def position_before(self, frames: int) -> list[float]:
-        """The measured joints so many frames ago."""
+        """Return the measured joints `frames` frames ago."""
         return list(self._past[-1 - frames])
 
     @property
     def positions_retained(self) -> int:
-        """How many there are for `position_before`."""
+        """Number of positions for `position_before`."""
         return len(self._past)
 
     def pushed(self) -> float:
@@ -359,7 +359,7 @@ class ArmMotion:
         self._twist = self._line = None
 
     def end_force(self) -> None:
-        """Leave force mode: its offset of the arm stays until a move begins anew."""
+        """Leave force mode: the arm keeps its offset until a new move begins."""
         self._apart = self._apart or self.force.asked is not None
         self.force.end()
 
@@ -369,7 +369,7 @@ class ArmMotion:
         self.freedrive = False
 
     def halt(self) -> None:
-        """End the motion on its way: the arm brakes."""
+        """Stop the active motion: the arm brakes."""
         self.freedrive = False
         self._drop()
 
@@ -384,7 +384,7 @@ class ArmMotion:
     # -- frames -----------------------------------------------------------------------------------
 
     def left_of(self, action: Action, dt_s: float) -> Action | None:
-        """The rest of an action after the last frame; None if it has ended."""
+        """Return the rest of an action after the last frame; None if it has ended."""
         if isinstance(action, MoveJ | MoveL | MoveC):
             return None if self._released(action) else action
         if isinstance(action, DirectTorque):
@@ -415,7 +415,7 @@ class ArmMotion:
     def step(self, action: Action | None, dt_s: float, scale: float) -> str:
         """Run a frame of `dt_s`, the program's time running `scale` times as fast as real time.
 
-        None brakes. Returns why the safety system has to stop the arm; empty if it has not.
+        Action None brakes. Returns the reason for a stop by the safety system; empty: none.
         """
         if self._fresh:
             self.scale, self._fresh = scale, False
@@ -462,7 +462,7 @@ class ArmMotion:
                 )
 
     def _meet(self) -> None:
-        """Let the program's motion go on from where force mode has brought the arm."""
+        """Continue the program's motion from the place to which force mode has moved the arm."""
         if self._run is not None and not (self._run.done and self._tail is None):
             return
         if self.force.asked is not None or self._apart:
@@ -491,7 +491,7 @@ class ArmMotion:
     # -- motion of the program --------------------------------------------------------------------
 
     def _asked(self, action: Action | None, dt_s: float) -> list[float]:
-        """The joints at the end of the frame."""
+        """Return the commanded joints at the end of the frame."""
         if isinstance(action, MoveJ | MoveL | MoveC):
             self._twist = self._line = None
             return self._moved(action, dt_s)
@@ -527,8 +527,8 @@ class ArmMotion:
     def _driven(self, torques: Sequence[float], dt_s: float) -> list[float]:
         q, qd = self._q, self._qd
         if self._plane is not None:
-            # Where the target is, and not the arm that follows it: a contact that comes late would
-            # make it bounce ever higher.
+            # Use the target, and not the lagging arm: with a late contact it would bounce ever
+            # higher.
             torques = [a + b for a, b in zip(torques, self._joint_torques(q), strict=True)]
         changes = self._dynamics.acceleration(q, qd, torques, self.load)
         return [
@@ -539,7 +539,7 @@ class ArmMotion:
         return self._toward([0.0] * AXES, _STOP_RAD_S2 * dt_s, dt_s)
 
     def _toward(self, speeds: Sequence[float], change: float, dt_s: float) -> list[float]:
-        """Change the speeds by at most `change`, all in the same share of time."""
+        """Change the speeds by at most `change`, all by the same fraction."""
         difference = [aim - v for aim, v in zip(speeds, self._qd, strict=True)]
         largest = max(map(abs, difference))
         share = 1.0 if largest <= change else change / largest
@@ -551,7 +551,7 @@ class ArmMotion:
     def _lined(
         self, aims: Sequence[float], change: float, turning: float, dt_s: float
     ) -> list[float]:
-        """Change the TCP's speed by at most so much, m/s and rad/s."""
+        """Change the TCP's speed by at most `change` and `turning`, m/s and rad/s."""
         now = self._twist or list(self.kinematics.speed(self._q, self._qd, self.tcp))
         twist: list[float] = []
         for first, most in ((0, change), (3, turning)):
@@ -574,7 +574,7 @@ class ArmMotion:
         return q
 
     def _bent(self, q: Sequence[float], dt_s: float) -> list[float]:
-        """The joints that force mode makes of the program's."""
+        """Return the program's joints modified by force mode."""
         before, after = (self.kinematics.forward(each, self.tcp) for each in (self._q, q))
         way = subtract(after.position, before.position)
         turn = rotation_between(before.orientation, after.orientation)
@@ -669,7 +669,7 @@ class ArmMotion:
         return [a + b - c for a, b, c in zip(one, two, tail.joints, strict=True)]
 
     def _begun(self, action: Move, before: _Run | None, dt_s: float) -> _Run:
-        """The move's run from now on, or the one before, with which it is skipped."""
+        """Return the new move's run, or the previous one, which then skips it."""
         tcp = self.tcp
         start_q: list[float] | None = list(self._q)
         if before is not None:
@@ -694,8 +694,8 @@ class ArmMotion:
         within = 0.0
         if action.r > 0.0 and way > _ROUNDING:
             within = length_within(self.kinematics, path, action.r, tcp)
-        # So slow that two moves that share a corner stay within its acceleration, whatever the
-        # angle and up to two frames late.
+        # Limit the speed such that two moves with a common corner stay within its acceleration, for
+        # any angle and up to two frames of delay.
         entry = math.sqrt((a * dt_s) ** 2 + a * within) - a * dt_s
         self._tail = None
         pieces: list[tuple[float, float]] = []
@@ -729,7 +729,7 @@ class ArmMotion:
         return self._run
 
     def _limits(self, action: Move, path: MovejPath | ToolPath) -> tuple[float, float]:
-        """Acceleration and highest speed along a path."""
+        """Return acceleration and highest speed along a path."""
         if not isinstance(action, MoveC) and action.t > 0.0:
             v = path.length / (0.75 * action.t)
             return max(v / (0.25 * action.t), _AT_REST), max(v, _AT_REST)
@@ -754,6 +754,6 @@ def _path(action: Move, start_q: Sequence[float], start: Frame) -> MovejPath | T
 
 
 def _displaced(frame: Frame, way: Vector3, turn: Vector3) -> Frame:
-    """A frame moved and turned in the base frame."""
+    """Return a frame moved and turned in the base frame."""
     orientation = normalized(multiply(from_rotation_vector(turn), frame.orientation))
     return Frame(add(frame.position, way), orientation)

@@ -37,9 +37,9 @@ from cardan.types import Pose as Frame, Vector3
 LOOKAHEAD_S: Final = Range(0.03, 0.2, "s", "the script manual allows no other")
 GAIN: Final = Range(100, 2000, "", "the script manual allows no other")
 INERTIA_KG_M2: Final = 133.0
-"""The script manual allows no larger one."""
+"""Largest inertia that the script manual allows."""
 NEAR_SINGULARITY: Final = (0.05, 0.02)
-"""Smallest singular value of the Jacobian from which freedrive is near a singularity, and too near
+"""Smallest singular values of the Jacobian at which freedrive is near a singularity, and too near
 (chosen)."""
 
 _AS_A: Final = "a"
@@ -49,7 +49,7 @@ _CURRENT: Final = "current_joint_positions"
 
 
 def motion_functions(motion: ArmMotion) -> Mapping[str, Function]:
-    """By name."""
+    """Return the functions by name."""
     others = {**_moves(motion), **_modes(motion), **_state(motion), **_settings(motion)}
     return {
         **costing(POSE_STEPS, others),
@@ -69,7 +69,7 @@ def _ready(motion: ArmMotion) -> None:
 def _torques(motion: ArmMotion) -> Mapping[str, Function]:
     def direct_torque(torque: Any, friction: Any, viscous: Any, coulomb: Any) -> DirectTorque:
         _ready(motion)
-        # The model's joints have no friction that any of these would take away.
+        # The model's joints have no friction that any of these would compensate.
         checks.truth("friction_comp", friction)
         for name, scales in (("viscous_scale", viscous), ("coulomb_scale", coulomb)):
             if not all(0.0 <= each <= 1.0 for each in checks.vector(name, scales)):
@@ -95,7 +95,7 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
         _ready(motion)
 
     def tool(name: str, value: Any) -> Frame:
-        """Tool of a pose, or of joints."""
+        """Return the tool's frame from a pose, or from joints."""
         if isinstance(value, list):
             return motion.kinematics.forward(checks.joints(name, value), motion.tcp)
         return checks.frame(name, value)
@@ -171,7 +171,7 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
             servoj,
             True,
         ),
-        # Manuals up to 3.2 call the time `t_min`, and programs in use still do.
+        # Manuals up to 3.2 call the time `t_min`, and programs still do.
         "speedj": Function(("qd", "a", "t", "t_min"), {"t": 0.0, "t_min": 0.0}, speedj, True),
         "speedl": Function(
             ("xd", "a", "t", "aRot", "t_min"),
@@ -229,7 +229,7 @@ def _modes(motion: ArmMotion) -> Mapping[str, Function]:
 
     def sensor(turned: bool) -> Function:
         def enable(enable: Any, mass: Any, offset: Any, cog: Any) -> None:
-            # Its own mass is the arm's to carry, which moves as it is told to.
+            # The mass is ignored: the arm carries it, and moves as commanded.
             checks.not_below_zero("sensor_mass", mass)
             checks.vector("sensor_cog", cog, 3)
             place = checks.vector("sensor_measuring_offset", offset, 3)
@@ -337,7 +337,7 @@ def _kinematics(motion: ArmMotion) -> Mapping[str, Function]:
         return pose_of(kinematics.forward(joints(q), tool(tcp)))
 
     def inverse_kin(x: Any, near: Any, far: Any, turned: Any, tcp: Any) -> list[float]:
-        # In closed form: the only error left is rounding.
+        # Closed form: the only error is rounding.
         checks.not_below_zero("maxPositionError", far)
         checks.not_below_zero("maxOrientationError", turned)
         return _solved(motion, checks.frame("x", x), joints(near, "qnear"), tool(tcp))

@@ -1,6 +1,6 @@
 """URScript's operators on its values.
 
-Numbers, truths, texts, lists (of lists: matrices), poses and structs. All of them are values: a
+Numbers, booleans, texts, lists (of lists: matrices), poses and structs. All have value semantics: a
 list is never changed in place, and its holders keep the old one.
 
 Source: UR's script manual, 5.x: numbers, variables and types; matrix and array expressions.
@@ -18,10 +18,10 @@ from cardan.sim_peers.ur_controller.language import ELEMENT_STEPS, PRODUCT_STEPS
 from cardan.sim_peers.ur_controller.values import UrPose, is_number
 
 LONGEST_TEXT: Final = 1023
-"""Characters; the script manual says it of str_cat."""
+"""Characters; from the script manual's str_cat."""
 LONGEST_LIST: Final = 10_000
 _DEEPEST: Final = 4
-"""Structs in structs."""
+"""Deepest nesting of structs."""
 
 Operator = Callable[[Any, Any], Any]
 
@@ -33,7 +33,7 @@ class Struct(dict[str, Any]):
 
 
 def struct(members: Mapping[str, Any]) -> Struct:
-    """A struct of these members. Raises ValueError."""
+    """Return a struct of these members. Raises ValueError."""
     made = Struct(members)
     inner = [each.depth for each in members.values() if isinstance(each, Struct)]
     made.depth = 1 + max(inner, default=0)
@@ -43,7 +43,7 @@ def struct(members: Mapping[str, Any]) -> Struct:
 
 
 def listed(items: list[Any]) -> list[Any]:
-    """A list of these. Raises ValueError where it is no list of the language."""
+    """Return a list of these. Raises ValueError if it is not a list of the language."""
     count = 0
     for each in items:
         count += len(each) if isinstance(each, list) else 1
@@ -58,7 +58,7 @@ def listed(items: list[Any]) -> list[Any]:
 
 
 def pose(items: Sequence[Any]) -> UrPose:
-    """A pose of six numbers. Raises ValueError."""
+    """Return a pose of six numbers. Raises ValueError."""
     for each in items:
         if not is_number(each):
             raise ValueError(f"{text(each)} in a pose is not a number")
@@ -66,7 +66,7 @@ def pose(items: Sequence[Any]) -> UrPose:
 
 
 def text(value: Any) -> str:
-    """As `textmsg` and `to_str` write it, cut at the longest length of a text."""
+    """Format a value as `textmsg` and `to_str` do, cut at the longest length of a text."""
     return _written(value)[: LONGEST_TEXT + 1]
 
 
@@ -85,7 +85,7 @@ def _written(value: Any) -> str:
 
 
 def _joined(parts: Iterable[str]) -> str:
-    """With commas, as far as a text may go."""
+    """Join with commas, up to the longest length of a text."""
     found, size = [], 0
     for each in parts:
         found.append(each)
@@ -152,14 +152,14 @@ def _is_matrix(value: Any) -> bool:
 
 
 def elements(found: list[Any]) -> int:
-    """Elements of a list or a matrix."""
+    """Return the number of elements of a list or a matrix."""
     if _is_matrix(found):
         return sum(len(each) if isinstance(each, list) else 1 for each in found)
     return len(found)
 
 
 def work_of(sign: str, left: Any, right: Any) -> int:
-    """Steps that an operator counts as for its work with lists."""
+    """Return the cost of an operator on lists in steps."""
     ours = elements(left) if isinstance(left, list) else 1
     if sign == "*" and _is_matrix(left) and isinstance(right, list):
         columns = len(right[0]) if _is_matrix(right) else 1
@@ -168,7 +168,7 @@ def work_of(sign: str, left: Any, right: Any) -> int:
 
 
 def work_of_change(found: list[Any]) -> int:
-    """Steps that a change of an element counts as: of a list it is copied, of a matrix checked."""
+    """Return the cost of changing an element in steps: a list is copied, a matrix checked."""
     return elements(found) if _is_matrix(found) else len(found) // 8
 
 
@@ -214,16 +214,16 @@ OPERATORS: Final[Mapping[str, Operator]] = {
     "==": _equal,
     "!=": lambda left, right: not _equal(left, right),
 }
-"""Operators that take both of their values. They raise ValueError and ArithmeticError."""
+"""Operators with two values. They raise ValueError and ArithmeticError."""
 
 
 def negative(value: Any) -> Any:
-    """`-value`. Raises ValueError."""
+    """Return `-value`. Raises ValueError."""
     return OPERATORS["*"](value, -1)
 
 
 def truth(value: Any) -> bool:
-    """Whether a condition holds; numbers other than 0 do. Raises ValueError."""
+    """Return True if a condition holds; nonzero numbers do. Raises ValueError."""
     if isinstance(value, (bool, int, float)):
         return bool(value)
     raise ValueError(f"{text(value)!r} is neither True nor False")
@@ -233,14 +233,14 @@ def truth(value: Any) -> bool:
 
 
 def element(of: Any, *at: Any) -> Any:
-    """An element of a list, a pose, a text or a matrix. Raises ValueError."""
+    """Return an element of a list, a pose, a text or a matrix. Raises ValueError."""
     for each in at:
         of = of[_index(of, each)]
     return of
 
 
 def with_element(of: Any, path: Sequence[Any], value: Any) -> Any:
-    """`of`, with another value where the path of indices and members leads. Raises ValueError."""
+    """Return `of` with another value at the path of indices and members. Raises ValueError."""
     step, rest = path[0], path[1:]
     if isinstance(step, str):
         if not isinstance(of, Struct) or step not in of:

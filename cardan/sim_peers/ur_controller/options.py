@@ -27,7 +27,7 @@ _Takes = Annotated[float, TAKES_S]
 
 @dataclass(frozen=True, kw_only=True)
 class UrControllerOptions(Options):
-    """How the simulated controller is set up."""
+    """Settings of the simulated controller."""
 
     robot: Literal["ur5e", "ur5"] = option(
         "ur5e", "ur5e: an e-Series, 500 Hz; ur5: a CB3, 125 Hz, without remote control."
@@ -80,9 +80,9 @@ class UrControllerOptions(Options):
     start: tuple[float, ...] | None = None
     """Joints at the start, rad; None: the arm's home."""
     boot_s: _Takes = 1.0
-    """Time from the order to switch the power on until it is."""
+    """Time from the order to switch the power on until it is on."""
     release_s: _Takes = 0.6
-    """Time from the order to release the brakes until they are."""
+    """Time from the order to release the brakes until they are released."""
     program_start_s: _Takes = 0.05
     """Time from a program's last byte until its first statement."""
     faults: Mapping[str, float] = field(default_factory=dict)
@@ -104,8 +104,8 @@ class UrControllerOptions(Options):
 
     @property
     def ports(self) -> dict[str, int]:
-        """By the interface served there; 0: any free one. A send-only interface is 10 above its
-        counterpart, if that is at its published port."""
+        """Ports by interface; 0: any free one. A send-only interface is 10 above its counterpart,
+        if that is at its published port."""
         published = self.primary_port == PRIMARY_PORT
         secondary, realtime = (
             (port if published else 0) if given is None else given
@@ -131,7 +131,7 @@ class UrControllerOptions(Options):
 
     @property
     def allowed_hosts(self) -> frozenset[str]:
-        """`allow_connect`, one by one."""
+        """Hosts of `allow_connect`."""
         return frozenset(filter(None, map(str.strip, self.allow_connect.split(","))))
 
     @property
@@ -141,7 +141,7 @@ class UrControllerOptions(Options):
 
     @property
     def e_series(self) -> bool:
-        """Not a CB3."""
+        """True for an e-Series, False for a CB3."""
         return self.robot.endswith("e")
 
     @property
@@ -151,14 +151,14 @@ class UrControllerOptions(Options):
 
     @property
     def version(self) -> ControllerVersion:
-        """Version of the software it has."""
+        """Version of its software."""
         words = self.software or ("5.12" if self.e_series else "3.15")
         numbers = [int(word) for word in words.split(".")]
         return ControllerVersion(*numbers, *[0] * (4 - len(numbers)))
 
     @property
     def _has_software(self) -> bool:
-        """Whether there is such a version for the robot."""
+        """Return True if this version exists for the robot."""
         if _VERSION.fullmatch(self.software) is None:
             return not self.software
         if self.e_series:

@@ -1,8 +1,8 @@
-"""Paths of the simulated controller's moves, and how a move goes along its path in time.
+"""Paths of the simulated controller's moves, and their time law.
 
-A path is by its length: of a joint move the way of the joint that goes farthest (rad), of a move in
-tool space that of the TCP (m), or of the tool's rotation if that is longer: a radian counts as
-`TURNING_M` meters (chosen; UR publishes no such law).
+The parameter of a path is its length: for a joint move that of the joint with the longest way
+(rad), for a move in tool space that of the TCP (m), or of the tool's rotation if that is longer: a
+radian counts as `TURNING_M` meters (chosen; UR publishes no such law).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cardan.types import Pose as Frame
 
 TURNING_M: Final = 0.1
 _STRAIGHT: Final = 1e-6
-"""Sine of the angle between the ways to two points: below, they are on one line."""
+"""Sine of the angle between the ways to two points below which they are on one line."""
 
 
 class MovejPath:
@@ -40,7 +40,7 @@ class MovejPath:
         self.length = max(map(abs, self.change))
 
     def at(self, s: float) -> list[float]:
-        """The joints after the length `s`."""
+        """Return the joints after the length `s`."""
         if s >= self.length:
             return self.goal
         share = s / self.length
@@ -48,7 +48,7 @@ class MovejPath:
 
 
 class MovelPath:
-    """Path of the TCP, on a line; the tool turns about one axis meanwhile."""
+    """Path of the TCP on a line, with rotation of the tool about one axis."""
 
     radius = math.inf
 
@@ -59,7 +59,7 @@ class MovelPath:
         self.length = max(norm(self._way), TURNING_M * norm(self._turn))
 
     def at(self, s: float) -> Frame:
-        """The TCP after the length `s`."""
+        """Return the TCP after the length `s`."""
         if s >= self.length:
             return self.goal
         share = s / self.length
@@ -102,7 +102,7 @@ class ArcPath:
         self.length = max(self.radius * self._angle, TURNING_M * norm(self._turn))
 
     def at(self, s: float) -> Frame:
-        """The TCP after the length `s`."""
+        """Return the TCP after the length `s`."""
         if s >= self.length:
             return self.goal
         share = s / self.length
@@ -118,7 +118,7 @@ ToolPath = MovelPath | ArcPath
 
 
 def arc_or_line(start: Frame, via: Frame, goal: Frame, fixed: bool) -> ToolPath:
-    """A circle's arc; a line where the three points are on one."""
+    """Return the arc of a circle, or a line if the three points are on one."""
     to_via = subtract(via.position, start.position)
     to_goal = subtract(goal.position, start.position)
     area = norm(cross(to_via, to_goal))
@@ -128,7 +128,7 @@ def arc_or_line(start: Frame, via: Frame, goal: Frame, fixed: bool) -> ToolPath:
 
 
 class Course:
-    """How far along a path, in time: pieces of constant acceleration, one after the other."""
+    """Length along a path as a function of time: pieces of constant acceleration."""
 
     def __init__(self, s: float, v: float, end: float, pieces: Iterable[tuple[float, float]]):
         self.s, self.v, self.end = s, v, end
@@ -136,11 +136,11 @@ class Course:
 
     @property
     def done(self) -> bool:
-        """At the end, and at rest there."""
+        """True at rest at the end."""
         return not self._pieces
 
     def advance(self, dt_s: float) -> None:
-        """Let time pass."""
+        """Advance the time."""
         pieces = self._pieces
         while pieces and dt_s > 0.0:
             left_s, a = pieces[0]
@@ -159,8 +159,8 @@ class Course:
 def ramp(
     length: float, v0: float, v1: float, most: float, a: float
 ) -> tuple[list[tuple[float, float]], float]:
-    """The fastest way over a length, from a speed to one that is not above `v1`: pieces (time,
-    acceleration), and the speed at the end."""
+    """Return the fastest motion over a length, from `v0` to a speed of at most `v1`: pieces (time,
+    acceleration), and the final speed."""
     if length <= 0.0:
         return [], v0
     v1 = min(v1, math.sqrt(v0 * v0 + 2.0 * a * length))
@@ -178,14 +178,14 @@ def joints_on(
     near: Sequence[float],
     tcp: Frame,
 ) -> list[float] | None:
-    """Joints after the length `s`; None: the arm does not reach there."""
+    """Return the joints after the length `s`; None if the arm does not reach there."""
     if isinstance(path, MovejPath):
         return path.at(s)
     return kinematics.inverse(path.at(s), near, tcp)
 
 
 def tcp_on(kinematics: UrKinematics, path: MovejPath | ToolPath, s: float, tcp: Frame) -> Frame:
-    """The TCP after the length `s`."""
+    """Return the TCP after the length `s`."""
     if isinstance(path, MovejPath):
         return kinematics.forward(path.at(s), tcp)
     return path.at(s)
@@ -194,7 +194,7 @@ def tcp_on(kinematics: UrKinematics, path: MovejPath | ToolPath, s: float, tcp: 
 def length_within(
     kinematics: UrKinematics, path: MovejPath | ToolPath, radius: float, tcp: Frame
 ) -> float:
-    """How much of a path's end is within `radius` of its end, at most half of it."""
+    """Return the length of a path's end within `radius` of its goal, at most half of the path."""
     goal = tcp_on(kinematics, path, path.length, tcp).position
     near, far = 0.0, 0.5 * path.length
     for _ in range(40):

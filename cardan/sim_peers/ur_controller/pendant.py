@@ -1,4 +1,4 @@
-"""The pendant of the simulated controller: the user's actions, which the dashboard server does."""
+"""Pendant of the simulated controller: actions of its user, through the dashboard server."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ LOG_FILE: Final = "log_history.txt"
 SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}.zip"
 
 _ON_A_ROBOT: Final = (PurePosixPath("/ursim/programs"), PurePosixPath("/programs"))
-"""Directories of programs on a controller; the folder stands for these."""
+"""Directories of programs on a controller; the folder replaces these."""
 
 
 class Pendant:
-    """Programs in a folder, and the settings of the user."""
+    """Programs in a folder, and settings of the user."""
 
     def __init__(
         self,
@@ -34,16 +34,16 @@ class Pendant:
         note: Callable[[str], None],
         histories: Sequence[Iterable[tuple[float, str]]],
     ) -> None:
-        """`note` takes messages for the user; the log is put together of `histories`."""
+        """`note` takes messages for the user; the log merges the `histories`."""
         self._controller, self.note = controller, note
         self._histories = histories
         folder = controller.options.programs
         self._folder = Path(folder).resolve() if folder else None
         self.loaded = ""
-        """The program, as it was asked for."""
+        """Name of the program as it was requested."""
         self.user_role = "PROGRAMMER"
         self.operational_mode = "NONE"
-        """NONE: the dashboard does not control it."""
+        """NONE: not controlled by the dashboard."""
         self._text = ""
         self._reports = 0
 
@@ -92,15 +92,15 @@ class Pendant:
         return f"Loading installation: {name}"
 
     def _file(self, name: str) -> Path | None:
-        """A file in the folder; None: there is none."""
+        """Return a file in the folder; None if it does not exist."""
         found = self._inside(name)
         try:
             return found if found is not None and found.is_file() else None
-        except OSError:  # a name that is too long
+        except OSError:  # The name is too long.
             return None
 
     def _inside(self, name: str) -> Path | None:
-        """A path in the folder; None: there is none, or it is somewhere else."""
+        """Return a path in the folder; None if it does not exist or is outside."""
         asked = PurePosixPath(name)
         for place in _ON_A_ROBOT:
             if asked.is_relative_to(place):
@@ -110,7 +110,7 @@ class Pendant:
             return None
         try:
             found = (self._folder / asked).resolve()
-        except (OSError, RuntimeError, ValueError):  # a ring of links, or a zero byte
+        except (OSError, RuntimeError, ValueError):  # A cycle of links, or a zero byte.
             return None
         return found if found.is_relative_to(self._folder) else None
 

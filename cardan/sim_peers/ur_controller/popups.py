@@ -1,4 +1,4 @@
-"""Popups of programs, which a user at the pendant or a client of the dashboard closes."""
+"""Popups of programs; a user at the pendant or a client of the dashboard closes them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Popup(NamedTuple):
-    """A popup that is shown."""
+    """Shown popup."""
 
     number: int
     title: str
@@ -18,7 +18,7 @@ class Popup(NamedTuple):
 
 
 class Popups:
-    """Popups of which the newest is shown; closing closes all."""
+    """Open popups; the newest is shown, and closing closes all."""
 
     def __init__(self, tell: Callable[[Popup], None]) -> None:
         self._tell = tell
@@ -27,7 +27,7 @@ class Popups:
         self.shown: Popup | None = None
 
     def show(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> int:
-        """Show a popup. Returns its number."""
+        """Show a popup; return its number."""
         self._count += 1
         self.shown = Popup(self._count, title, text, warning, error, blocking)
         self._tell(self.shown)
@@ -39,5 +39,5 @@ class Popups:
         self.shown = None
 
     def closed(self, number: int) -> bool:
-        """Whether a popup has been."""
+        """Return True if a popup was closed."""
         return number <= self._closed

@@ -1,4 +1,4 @@
-"""URScript's functions of poses, which know nothing of the arm."""
+"""URScript's functions of poses that are independent of the arm."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from cardan.types import Pose as Frame, Vector3
 
 
 def pose_functions() -> Mapping[str, Function]:
-    """By name."""
+    """Return the functions by name."""
     two = ("p_1", "p_2")
     functions = {
         "pose_trans": Function(("p_from", "p_from_to"), {}, _trans),
@@ -94,7 +94,7 @@ def _interpolated(start: Any, to: Any, alpha: Any) -> UrPose:
 
 
 def _wrench_trans(frame: Any, wrench: Any) -> list[float]:
-    """The same wrench about another point, and in its frame."""
+    """Return the same wrench about another point, in its frame."""
     place = frame_of(checks.pose("T_from_to", frame))
     values = checks.vector("w_from", wrench)
     force, torque = Vector3(*values[:3]), Vector3(*values[3:])

@@ -39,29 +39,29 @@ class Claims:
     def __init__(self, faults: Mapping[str, float]) -> None:
         self._owners: dict[str, object] = {}
         self._in_use = faults.get("in-use", 0.0) > 0.0
-        """A fieldbus has them all."""
+        """True if a fieldbus uses all variables."""
         self._shared = faults.get("shared-inputs", 0.0) > 0.0
         self._retains_inputs = faults.get("kept-inputs", 0.0) > 0.0
         self.foreign = 0
-        """Clients that spoke another protocol."""
+        """Number of clients that spoke another protocol."""
 
     def taken(self, name: str, by: object) -> bool:
-        """Whether another client, or a fieldbus, has it."""
+        """Return True if another client, or a fieldbus, has it."""
         other = self._owners.get(name, by) is not by
         return self._in_use or (other and not self._shared)
 
     def take(self, names: tuple[str, ...], by: object) -> None:
-        """Give these variables to `by`."""
+        """Assign these variables to `by`."""
         self._owners.update(dict.fromkeys(names, by))
 
     def release(self, by: object) -> None:
-        """Release the variables of `by`, which is gone."""
+        """Release the variables of `by`, which has left."""
         if not self._retains_inputs:
             self._owners = {name: owner for name, owner in self._owners.items() if owner is not by}
 
 
 class RtdeClient:
-    """Connection of a client: `data` in, `send` out."""
+    """Connection of a client: call `data` with received bytes; `send` takes replies."""
 
     def __init__(
         self,
@@ -81,18 +81,18 @@ class RtdeClient:
         if faults.get("fewer-outputs", 0.0):
             self._known = {n: kind for n, kind in telemetry.outputs.items() if n not in LATER}
         self._version = 0
-        """Version of the protocol; 0: none is agreed on."""
+        """Protocol version; 0: not agreed on."""
         self._met = False
-        """A packet has come."""
+        """A packet has arrived."""
         self._started = False
         self._outputs: list[tuple[Recipe, int]] = []
-        """With each, how many frames lie between two packages."""
+        """Output recipes, each with the number of frames from one package to the next."""
         self._inputs: dict[int, Recipe] = {}
         self.failure = ""
-        """Why the connection is to be closed; empty: it is not."""
+        """Reason to close the connection; empty: none."""
 
     def data(self, data: bytes) -> None:
-        """Bytes came."""
+        """Handle received bytes."""
         self._reader.feed(data)
         if not self._met and self._reader.foreign_request:
             self._claims.foreign += 1
@@ -110,7 +110,7 @@ class RtdeClient:
         self._claims.release(self)
 
     def packages(self, frame: int) -> list[bytes]:
-        """The data packages of a frame."""
+        """Return the data packages of a frame."""
         if not self._started:
             return []
         value = self._telemetry.value

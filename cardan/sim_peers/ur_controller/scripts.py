@@ -1,4 +1,4 @@
-"""Interpretation of texts that came over an interface that takes scripts."""
+"""Interpretation of texts received over an interface that takes scripts."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ ORDERS: Final[Mapping[str, Callable[[UrController], object]]] = {
     "pause program": UrController.pause,
     "resume program": UrController.resume,
 }
-"""Lines that are no script: orders to the controller, as UR's client library sends them."""
+"""Lines that are not scripts: orders to the controller, as sent by UR's client library."""
 
 _BEGINS: Final = ("def", "sec")
 LINE: Final = "line"
-"""Name of a program of one line."""
+"""Name of a one-line program."""
 
 
 def take(controller: UrController, text: str) -> None:
@@ -43,7 +43,7 @@ def take(controller: UrController, text: str) -> None:
 
 
 def is_program(text: str) -> bool:
-    """Whether a text is a program, not a line."""
+    """Return True if a text is a program, False for a line."""
     return any(line.split()[:1] and line.split()[0] in _BEGINS for line in text.splitlines())
 
 

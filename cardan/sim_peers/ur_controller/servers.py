@@ -1,6 +1,6 @@
 """The servers of the simulated controller: RTDE, the client interfaces and the dashboard.
 
-Sans-I/O: bytes come in with the time, pieces to write go out; a shell has the sockets.
+Sans-I/O: input is bytes with their time, output is pieces to write; a shell has the sockets.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ PortKind = Literal[
 PORT_KINDS: tuple[PortKind, ...] = get_args(PortKind)
 
 _SCRIPTED: Final = frozenset(("primary", "secondary", "realtime"))
-"""These take scripts."""
+"""Interfaces that take scripts."""
 _PRIMARY: Final = frozenset(("primary", "primary-read"))
 _STATES: Final = _PRIMARY | {"secondary", "secondary-read"}
 _REALTIME: Final = frozenset(("realtime", "realtime-read"))
 
 CLIENTS: Final = 16
-"""Each port serves at once."""
+"""Simultaneous clients of each port."""
 STATE_PERIOD_S: Final = 0.1
 """Period of the primary and the secondary interface."""
 _UNKNOWN_TYPE = 0x58
@@ -85,7 +85,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._frame_due = False
         self._claims = Claims(options.faults)
         self._lines = ""
-        """Lines that wait, by a fault."""
+        """Lines delayed by a fault."""
 
     def behave(self, faults: Mapping[str, float]) -> None:
         super().behave(faults)
@@ -99,7 +99,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
     # -- connections and time ---------------------------------------------------------------------
 
     def advance(self, now_s: float) -> None:
-        """Run one frame, too, if one is due: between two frames sockets are served."""
+        """Run one frame if one is due, and serve the sockets."""
         self._frame_due = True
         super().advance(now_s)
 
@@ -249,7 +249,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
             self.controller.refuse(f"a program has more than {LARGEST} bytes")
 
     def _end_scripts(self, connection: _Connection) -> None:
-        """Take the rest of the received text: no more data comes."""
+        """Process the rest of the received text: no more data arrive."""
         connection.scripts.end()
         self._take_scripts(connection)
 

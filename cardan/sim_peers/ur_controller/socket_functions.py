@@ -20,23 +20,23 @@ from cardan.sim_peers.ur_controller.sockets import ProgramSocket, ProgramSockets
 from cardan.sim_peers.ur_controller.values import is_number
 
 OPEN_S: Final = 2.0
-"""Longest time that opening takes."""
+"""Longest time of opening a socket."""
 MOST_VALUES: Final = 255
 """Most values that one call reads."""
 _READ_S: Final = 2.0
 _NAME: Final = "socket_0"
 _NUMBERS: Final = re.compile(rb"\(([^()]*)\)")
 _LONGEST_NUMBERS: Final = 32
-"""Bytes of one number that is written out."""
+"""Most bytes of one number as text."""
 _ESCAPES: Final = re.compile(r"\\(n|r|t|\\|x[0-9a-fA-F]{2})")
 _ESCAPED: Final = {"n": "\n", "r": "\r", "t": "\t", "\\": "\\"}
 
 _Take = Callable[[bytearray], Any]
-"""Takes the value that a function reads out of the received bytes; None if it is incomplete."""
+"""Extracts the value of a read function from the received bytes; None if it is incomplete."""
 
 
 def socket_functions(sockets: ProgramSockets) -> Mapping[str, Function]:
-    """By name."""
+    """Return the functions by name."""
 
     def open_one(address: Any, port: Any, name: Any) -> Action | bool:
         opening = sockets.open(
@@ -177,7 +177,7 @@ def _integers(count: int, size: int, signed: bool) -> _Take:
 
 
 def _floats(data: bytearray, count: int, failure: list[Any]) -> list[Any] | None:
-    """Numbers in round brackets, with commas between them."""
+    """Return the numbers in parentheses, separated by commas."""
     found = _NUMBERS.search(data)
     if found is None:
         if len(data) > (count + 1) * _LONGEST_NUMBERS:
@@ -196,7 +196,7 @@ def _floats(data: bytearray, count: int, failure: list[Any]) -> list[Any] | None
 
 
 def _between(prefix: bytes, suffix: bytes) -> _Take:
-    """A text; with neither, all that has come."""
+    """Return a reader of text between prefix and suffix; without both, of all received text."""
 
     def take(data: bytearray) -> str | None:
         begin = data.find(prefix) if prefix else 0
@@ -218,7 +218,7 @@ def _between(prefix: bytes, suffix: bytes) -> _Take:
 
 
 def _answer(data: bytearray, wanted: bytes) -> int | None:
-    """To `GET name`: `name value` and the end of the line."""
+    """Return the value in the reply to `GET name`: `name value` and the end of the line."""
     end = data.find(b"\n")
     if end < 0:
         if len(data) > LONGEST_TEXT:

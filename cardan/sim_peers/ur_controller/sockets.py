@@ -1,7 +1,7 @@
 """The sockets that programs open, sans I/O.
 
-Requests of programs come out of `ProgramSockets`; events of the real sockets go in, and a shell
-(`cardan.sim_peers.ur_controller.connector`, or a test) is between.
+A shell (`cardan.sim_peers.ur_controller.connector`, or a test) takes the requests of programs from
+`ProgramSockets`, and passes it the events of the real sockets.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ MOST_BYTES: Final = 64 * 1024
 
 
 class Opening(NamedTuple):
-    """A connection that a program wants."""
+    """Connection requested by a program."""
 
     number: int
     host: str
@@ -24,7 +24,7 @@ class Opening(NamedTuple):
 
 
 class ProgramSocket:
-    """Socket of a program, by a number that no other has."""
+    """Socket of a program, with a unique number."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -35,12 +35,12 @@ class ProgramSocket:
 
 
 class ProgramSockets:
-    """Sockets of the program that runs, by their names."""
+    """Sockets of the running program, by name."""
 
     def __init__(
         self, allowed: Collection[str], note: Callable[[str], None], closed: bool = False
     ) -> None:
-        """`allowed`: hosts beside this computer. `closed`: none is opened."""
+        """`allowed`: hosts besides this computer. `closed`: none is opened."""
         self._closed = closed
         self._allowed = allowed
         self._note = note
@@ -53,7 +53,7 @@ class ProgramSockets:
     # -- called by programs -----------------------------------------------------------------------
 
     def open(self, host: str, port: int, name: str) -> ProgramSocket | None:
-        """A socket that is being opened; None: it is refused."""
+        """Return a socket that is being opened; None if it is refused."""
         self.close(name)
         if not (is_this_computer(host) or host in self._allowed):
             self._note(f"socket {name}: {host} is refused, it needs --allow-connect {host}")
@@ -71,12 +71,12 @@ class ProgramSockets:
         return made
 
     def get(self, name: str) -> ProgramSocket | None:
-        """An open socket, or one with unread bytes."""
+        """Return an open socket, or one with unread bytes."""
         found = self._named.get(name)
         return None if found is None or found.open is None else found
 
     def close(self, name: str) -> None:
-        """Close it, if there is one; data sent before is still written."""
+        """Close a socket, if there is one; data sent before is still written."""
         found = self._named.pop(name, None)
         if found is not None and self._numbered.get(found.number) is found:
             self._closings.append(found.number)
@@ -87,7 +87,7 @@ class ProgramSockets:
             self.close(name)
 
     def send(self, name: str, data: bytes) -> bool:
-        """Queue data. Returns whether it was taken."""
+        """Queue data; return False if it is refused."""
         found = self.get(name)
         if found is None or not found.open or len(found.unsent) + len(data) > MOST_BYTES:
             return False
@@ -97,12 +97,12 @@ class ProgramSockets:
     # -- called by the shell ----------------------------------------------------------------------
 
     def openings(self) -> list[Opening]:
-        """Connections to make; they are given once."""
+        """Return the connections to make; each is returned once."""
         found, self._openings = self._openings, []
         return found
 
     def outgoing(self) -> list[tuple[int, bytes]]:
-        """Data to write, by the number of the socket; each is given once."""
+        """Return the data to write, by the number of the socket; each is returned once."""
         found = []
         for each in self._numbered.values():
             if each.unsent:
@@ -111,14 +111,14 @@ class ProgramSockets:
         return found
 
     def closings(self) -> list[int]:
-        """Sockets to close, after `outgoing` was written; they are given once."""
+        """Return the sockets to close after `outgoing` was written; each is returned once."""
         found, self._closings = self._closings, []
         for number in found:
             self._numbered.pop(number, None)
         return found
 
     def takes(self, number: int) -> bool:
-        """Whether there is room for received data."""
+        """Return True if there is room for received data."""
         found = self._numbered.get(number)
         return found is not None and len(found.unread) < MOST_BYTES
 
@@ -129,7 +129,7 @@ class ProgramSockets:
             found.open = True
 
     def data(self, number: int, data: bytes) -> None:
-        """Take the data of one read."""
+        """Handle the data of one read."""
         found = self._numbered.get(number)
         if found is not None:
             found.unread += data
@@ -144,7 +144,7 @@ class ProgramSockets:
 
 
 def is_this_computer(host: str) -> bool:
-    """A loopback address, or its name."""
+    """Return True for a loopback address, or its name."""
     if host == "localhost":
         return True
     try:

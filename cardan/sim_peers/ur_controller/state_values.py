@@ -1,4 +1,4 @@
-"""Values of the simulated controller in robot states, beside the variables of RTDE."""
+"""Values of the simulated controller in robot states, in addition to RTDE's variables."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from cardan.sim_peers.ur_controller.pendant import OPERATIONAL_MODES, Pendant
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
 
 _SINGULAR: Final = 0.01
-"""Below this manipulability the arm is near a singularity."""
+"""Manipulability below which the arm is near a singularity."""
 _UNKNOWN_CHECKSUM: Final = 0xFFFFFFFF
-"""Checksum of a robot that was never calibrated, as a simulated one."""
+"""Checksum of a robot that was never calibrated, like a simulated one."""
 _HARDWARE: Final[Mapping[bool, tuple[int, int, int, int]]] = {
     True: (6, 4, 1, 3),
     False: (4, 3, 1, 2),
 }
-"""Hardware of an e-Series, or of a CB3: board, control box, robot and its sub-type, as numbers."""
+"""Hardware numbers of an e-Series, or of a CB3: board, control box, robot and its sub-type."""
 
 
 class StateValues:
-    """Values by the names that `cardan.protocols.ur.robot_state` has."""
+    """Values by their names in `cardan.protocols.ur.robot_state`."""
 
     def __init__(self, controller: UrController, telemetry: Telemetry, pendant: Pendant) -> None:
         self._controller, self._telemetry = controller, telemetry
@@ -60,14 +60,14 @@ class StateValues:
         }
 
     def __call__(self, name: str) -> Any:
-        """The value of a name."""
+        """Return the value of a name."""
         if name in self._fixed:
             return self._fixed[name]
         made = self._made.get(name)
         return self._telemetry.value(name) if made is None else made()
 
     def modes(self) -> ModeData:
-        """Modes, the first part of a robot state."""
+        """Return the modes, the first part of a robot state."""
         controller, value = self._controller, self._telemetry.value
         return ModeData(
             power_on=controller.mode >= RobotMode.POWER_ON,
@@ -85,7 +85,7 @@ class StateValues:
 
 
 def _motion_limits(arm: ArmModel) -> tuple[float, ...]:
-    """Highest speed and acceleration of each joint, one after the other."""
+    """Return highest speed and acceleration of each joint, in turn."""
     limits = arm.limits
     pairs = zip(limits.velocity, limits.acceleration, strict=True)
     return tuple(value for pair in pairs for value in pair)

@@ -12,8 +12,8 @@ from cardan.sim_peers.ur_controller.servers import PortKind, UrServers
 
 
 class UrControllerPeer(TcpPeer[PortKind]):
-    """Serves a `UrController`: RTDE, the client interfaces and the dashboard; and opens the sockets
-    of programs."""
+    """Serves a `UrController`: RTDE, client interfaces and dashboard; opens the sockets of
+    programs."""
 
     servers: UrServers
 

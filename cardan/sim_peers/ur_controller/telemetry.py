@@ -94,13 +94,13 @@ class _Place(NamedTuple):
 
 
 class Telemetry:
-    """Values of variables, and writing them."""
+    """Values of variables, readable and writable."""
 
     def __init__(self, controller: UrController) -> None:
         options = controller.options
         self._controller, self._motion, self._io = controller, controller.motion, controller.io
         self.outputs: Mapping[str, str] = of_series(OUTPUT_VARIABLES, options.version.major)
-        """Types of the variables that it sends, by name."""
+        """Types of the output variables, by name."""
         self.writable: Mapping[str, str] = of_series(INPUT_VARIABLES, options.version.major)
         """Types of the variables that clients may write, by name."""
         self._dynamics = controller.dynamics
@@ -126,11 +126,11 @@ class Telemetry:
             for name, kind in self.outputs.items()
         }
         self._written: dict[str, Any] = {}
-        """The inputs that are no registers, as they were last."""
+        """Last written inputs that are not registers."""
         self._setters = self._register_setters()
 
     def value(self, name: str) -> Any:
-        """Value of a variable in `outputs` now; zero if this robot does not have it."""
+        """Return the present value of a variable in `outputs`; 0 if this robot does not have it."""
         return self._sources[name]()
 
     # -- written by clients -----------------------------------------------------------------------
@@ -149,7 +149,7 @@ class Telemetry:
             self._apply(values)
 
     def _apply(self, values: Mapping[str, Any]) -> None:
-        """Apply written inputs. They keep their last values: a mask may be of another package."""
+        """Apply written inputs. They keep their values: a mask may arrive in another package."""
         written, io = self._written.get, self._io
         if _any_of(values, "speed_slider") and written("speed_slider_mask", 0) & 1:
             fraction = written("speed_slider_fraction")
@@ -320,7 +320,7 @@ class Telemetry:
     # -- the controller ---------------------------------------------------------------------------
 
     def _runtime(self) -> RuntimeState:
-        """Runtime state of the program; in transition while the arm brakes or speeds up again."""
+        """Return the program's runtime state; in transition while the arm brakes or speeds up."""
         runtime, motion = self._controller.runtime, self._motion
         if runtime is RuntimeState.STOPPED and motion.moving:
             return RuntimeState.STOPPING
@@ -382,7 +382,7 @@ class Telemetry:
         return self._driven(self._target_effort().torques)
 
     def _measured_torques(self) -> tuple[float, ...]:
-        """Torques of the joints, less those that a contact of the arm takes over."""
+        """Return the torques of the joints, less those that a contact of the arm supports."""
         torques = self._actual_effort().torques
         if self._motion.pushed():
             held = self._motion.joint_torques()
@@ -390,7 +390,7 @@ class Telemetry:
         return self._driven(torques)
 
     def _driven(self, torques: tuple[float, ...]) -> tuple[float, ...]:
-        """`torques`, or zeros while the brakes hold."""
+        """Return `torques`, or zeros while the brakes hold."""
         return torques if self._controller.mode is RobotMode.RUNNING else (0.0,) * 6
 
     def _robot_current(self, currents: Sequence[float]) -> float:
@@ -409,7 +409,7 @@ class Telemetry:
         return (-fx, -fy, fz, -tx, -ty, tz)
 
     def _raw_wrench(self) -> tuple[float, ...]:
-        """Wrench of load and contact on the flange, in its axes."""
+        """Return the wrench of load and contact on the flange, in its axes."""
         contact_force = rotate(
             conjugate(self._actual().frames.pose.orientation),
             Vector3(0.0, 0.0, self._motion.pushed()),
@@ -430,11 +430,11 @@ _NUMBERS: Final[Mapping[str, range]] = {
     "int": range(REGISTERS),
     "double": range(REGISTERS),
 }
-"""Numbers of the registers that have names of their own."""
+"""Numbers of the registers with individual names."""
 
 
 def _groups(way: str) -> list[tuple[str, int]]:
-    """The names of 32 bits each, and their first."""
+    """Return the names of groups of 32 bits, each with its first bit."""
     return [
         (f"{way}_bit_registers{first}_to_{first + 31}", first)
         for first in range(0, UPPER_BIT_REGISTERS, 32)
@@ -442,7 +442,7 @@ def _groups(way: str) -> list[tuple[str, int]]:
 
 
 def _speed(place: _Place, qd: Sequence[float]) -> tuple[float, ...]:
-    """Speed of the TCP, m/s over rad/s."""
+    """Return the speed of the TCP, m/s over rad/s."""
     columns = jacobian(place.frames._replace(pose=place.tcp))
     return tuple(
         sum(part * v for part, v in zip(row, qd, strict=True)) for row in zip(*columns, strict=True)
@@ -467,7 +467,7 @@ def _bits(values: Sequence[Any]) -> int:
 
 
 def _signal(fraction: float, domain: int) -> float:
-    """V, or mA."""
+    """Return the signal, V or mA."""
     return _HIGHEST_V * fraction if domain else _LOWEST_MA + _RANGE_MA * fraction
 
 

@@ -12,6 +12,6 @@ class UrPose(tuple[float, ...]):
 
 
 def is_number(value: Any) -> bool:
-    """A whole number or one with a fraction; a truth is none."""
+    """Return True for an integer or a fraction; a boolean is not a number."""
     kind = value.__class__
     return kind is float or kind is int

@@ -1,4 +1,4 @@
-"""Watchdogs that a program has set on inputs which RTDE has to write often enough."""
+"""Watchdogs of a program on inputs that RTDE has to write in time."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class RtdeWatchdogs:
         self._found.clear()
 
     def expired(self, now_s: float) -> tuple[str, str] | None:
-        """An input that was not written in time, and its action; its time starts anew."""
+        """Return an input that was not written in time, and its action; its time restarts."""
         for name, each in self._found.items():
             if now_s - each.fed_s > each.period_s + 1e-9:
                 each.fed_s = now_s

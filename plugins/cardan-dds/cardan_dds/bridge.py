@@ -2,11 +2,11 @@
 
 The graph of the bus decides: topics published on the bus are published on DDS, topics subscribed to
 on the bus are subscribed to on DDS, services offered on the bus are offered on DDS. Both sides
-ignore the bridge's own publications, so that no message loops.
+ignore the bridge's own publications, which prevents loops.
 
-The bridge queues nothing: a message is passed on in the thread that received it, into DDS's and
-Zenoh's own bounded queues, in order for each publisher. A topic is subscribed to on the bus only
-while it has a subscriber on DDS; a latched topic stays subscribed to from its first one on.
+The bridge has no queue: a message is forwarded in the thread that received it, into the bounded
+queues of DDS and Zenoh, in order for each publisher. A topic is subscribed to on the bus only while
+it has a subscriber on DDS; a latched topic stays subscribed after its first subscriber.
 """
 
 from __future__ import annotations
@@ -31,37 +31,37 @@ from cardan_dds.network import DdsNetwork
 from cardan_dds.wire import Endpoint
 
 MOST_CLIENTS = 64
-"""Nodes on DDS whose commands are passed on: each is a node on the bus."""
+"""Most nodes on DDS whose commands are forwarded: each is a node on the bus."""
 
 NAMED_WITHIN_S = 1.0
-"""How long the messages of a writer wait for the name of its node, and are not passed on: ROS 2
-announces it when the writer is made. A writer that is not of ROS 2 has none."""
+"""How long the messages of a writer wait for the name of its node, without being forwarded: ROS 2
+announces it when the writer is made. A writer outside ROS 2 has none."""
 
 MOST_BYTES = 10_000_000
-"""Largest message that is passed on to the bus, as of rosbridge."""
+"""Largest message that is forwarded to the bus, the same as for rosbridge."""
 
 MOST_CALLS = 64
-"""Calls of one participant that wait for their replies; more are refused."""
+"""Most calls of one participant that wait for replies; more are refused."""
 
 HANDED_ON_S = 0.3
-"""Time after a pause of this process in which messages count as sent before its end: as long as
+"""Time after a pause of this process in which messages count as sent before its end: the time that
 DDS takes to deliver those buffered by the system."""
 
 _log = logging.getLogger(__name__)
 
 
 class _Out:
-    """A topic of the bus on DDS."""
+    """Topic of the bus on DDS."""
 
     def __init__(self, topic: Topic, publisher: PublisherHandle) -> None:
         self.type, self.latched = topic.type, topic.latched
         self.publisher = publisher
         self.heard: Handle | None = None
-        """The subscription on the bus, while the topic has a subscriber on DDS; a latched topic
-        keeps it from its first subscriber on."""
+        """Subscription on the bus while the topic has a subscriber on DDS; a latched topic keeps it
+        after its first subscriber."""
 
     def quiet(self) -> None:
-        """Unsubscribe on the bus, since no subscriber is left on DDS."""
+        """Unsubscribe on the bus, because no subscriber is left on DDS."""
         heard, self.heard = self.heard, None
         if heard is not None:
             heard.close()
@@ -72,24 +72,24 @@ class _Out:
 
 
 class _Client:
-    """A node on DDS as a node of the same name on the bus: its requests without end are ended with
+    """Node on DDS as a node of the same name on the bus: its requests without end are ended with
     its participant."""
 
     def __init__(self, network: BusNetwork) -> None:
         self.network = network
         self.publishers: dict[bytes, PublisherHandle] = {}
-        """By the GUIDs of its writers."""
+        """Publishers by the GUIDs of its writers."""
         self.calls = 0
 
 
 class Bridge:
-    """Between an open bus and an open DDS domain, both deaf. `follow` is for one thread."""
+    """Bridge between an open bus and an open DDS domain, both deaf. `follow` is for one thread."""
 
     def __init__(self, bus: BusNetwork, dds: DdsNetwork, allowed: Allowed) -> None:
         self.counts: Counter[str] = Counter()
-        """"out", "in": messages passed on; "calls"; "refused": messages and calls that were not;
-        "stale": those that waited while this process stood still, and messages that waited for too
-        long on their way from DDS."""
+        """"out", "in": forwarded messages; "calls"; "refused": messages and calls that were not
+        forwarded; "stale": those that waited during a pause of this process, and messages that were
+        too long on their way from DDS."""
         self._bus, self._dds, self._allowed = bus, dds, allowed
         self._lock = threading.Lock()
         self._outs: dict[str, _Out] = {}
@@ -97,9 +97,10 @@ class Bridge:
         """Types and subscriptions on DDS."""
         self._services: dict[str, tuple[str, Handle]] = {}
         self._clients: dict[tuple[bytes, str], _Client] = {}
-        """By the GUIDs of their participants and their names; an unnamed node has an empty one."""
+        """Clients by the GUIDs of their participants and their names; an unnamed node has an empty
+        one."""
         self._unnamed: dict[bytes, float] = {}
-        """Time of discovery of writers whose nodes are unknown, by their GUIDs."""
+        """Time of discovery of writers whose nodes are unknown, by GUID."""
         self._numbers = itertools.count(1)
         self._said: set[str] = set()
         self._seen = (-1, -1)
@@ -108,8 +109,8 @@ class Bridge:
         dds.watch_departures(self._depart)
 
     def follow(self) -> None:
-        """Bridge the present graphs; must be called more often than the longest pause of a bridge
-        that goes on. Raises DriverError where another bridge does so."""
+        """Bridge the present graphs; call it more often than the longest tolerated pause of the
+        bridge. Raises DriverError if another bridge does the same."""
         self._standstill.look()
         seen = self._bus.changes, self._dds.changes
         if seen == self._seen:
@@ -127,7 +128,7 @@ class Bridge:
                 self._depart(participant)
 
     def close(self) -> None:
-        """Leave both sides as they are without it. Twice is fine."""
+        """Remove the bridge from both sides. May be called twice."""
         for out in self._outs.values():
             out.close()
         for given in (self._ins, self._services):
@@ -141,7 +142,8 @@ class Bridge:
             client.network.close()
 
     def _check_alone(self) -> None:
-        """Two bridges between the same networks would pass on what the other one brought."""
+        """Check for a second bridge: two between the same networks would forward each other's
+        messages."""
         on_dds, on_bus = self._dds.having(f"/{SERVER_NODE}"), self._bus.having(f"/{SERVER_NODE}")
         if on_bus and any(guid < self._dds.guid for guid in on_dds):
             raise DriverError(
@@ -194,8 +196,8 @@ class Bridge:
         )
 
     def _stale(self, name: str) -> bool:
-        """Whether a message received now may have waited while this process stood still, and its
-        sender may be gone; a stop is never stale. From any thread."""
+        """Return True if a message received now may have waited during a pause of this process, and
+        its sender may be gone; a stop is never stale. From any thread."""
         if name.endswith("/stop"):
             return False
         return time.monotonic() < self._stale_until_s or self._standstill.standing
@@ -230,12 +232,12 @@ class Bridge:
             publisher.close()
 
     def _subscribe(self, name: str, type_name: str) -> Handle:
-        # An old command must not be given again when the bridge begins anew.
+        # An old command must not be repeated when the bridge restarts.
         history = self._bus.wants_history(name)
         delays = Delays()
 
         def waited_s(stamp_ns: int, writer: Endpoint | None) -> float:
-            """For how much longer than its writer's quickest a message was on its way."""
+            """Return the transit time of a message beyond the shortest of its writer, s."""
             if writer is None or stamp_ns <= 0:
                 return 0.0
             return delays.hear(writer.guid, stamp_ns * 1e-9, time.monotonic())
@@ -248,7 +250,7 @@ class Bridge:
             if len(cdr) > MOST_BYTES:
                 self._say(f"{name}: a message of more than {MOST_BYTES} bytes is not passed on")
             elif writer is not None:
-                # A client that stops an arm need not say its name first.
+                # A client that stops an arm need not announce its name first.
                 stops = name.endswith("/stop")
                 publisher = self._publisher(writer, name, type_name, stops)
             if publisher is None:
@@ -262,7 +264,7 @@ class Bridge:
     def _publisher(
         self, writer: Endpoint, name: str, type_name: str, at_once: bool = False
     ) -> PublisherHandle | None:
-        """Return a DDS writer's publisher on the bus; None where there can be none, or while the
+        """Return a DDS writer's publisher on the bus; None if there can be none, or while the
         writer waits for its node's name, unless `at_once`. From any thread."""
         node = self._dds.node_of(writer)
         with self._lock:
@@ -282,14 +284,15 @@ class Bridge:
             return publisher
 
     def _nameless(self, writer: bytes) -> bool:
-        """Whether a writer has no node, and none is on its way. With the lock."""
+        """Return True if a writer has no node, and none is awaited. Call it with the lock."""
         now_s = time.monotonic()
         return now_s - self._unnamed.setdefault(writer, now_s) > NAMED_WITHIN_S
 
     # -- participants ------------------------------------------------------------------------------
 
     def _client(self, participant: bytes, node: str) -> _Client | None:
-        """Return a DDS node's node on the bus; None where there are too many. With the lock."""
+        """Return a DDS node's node on the bus; None if there are too many. Call it with the
+        lock."""
         client = self._clients.get((participant, node))
         if client is None:
             if len(self._clients) >= MOST_CLIENTS:
@@ -308,7 +311,7 @@ class Bridge:
         return client
 
     def _depart(self, participant: bytes) -> None:
-        """A participant is gone. From any thread."""
+        """Handle the departure of a participant. From any thread."""
         with self._lock:
             gone = [self._clients.pop(key) for key in tuple(self._clients) if key[0] == participant]
         for client in gone:
@@ -354,7 +357,7 @@ class Bridge:
         wanted: dict[str, str],
         begin: Callable[[str, str], Handle],
     ) -> None:
-        """Open what is wanted, names with types, and close everything else."""
+        """Open the wanted names with types, and close everything else."""
         for name, (type_name, handle) in tuple(given.items()):
             if wanted.get(name) != type_name:
                 del given[name]
@@ -367,7 +370,7 @@ class Bridge:
                     self._say(f"{name} is not there on DDS: {error}")
 
     def _say(self, words: str) -> None:
-        """Log once."""
+        """Log a message once."""
         if words not in self._said:
             self._said.add(words)
             _log.warning("%s", words)

@@ -1,9 +1,9 @@
-"""Cyclone DDS, as far as ROS 2's messages need it: raw CDR in and out, no type information.
+"""Interface to Cyclone DDS for ROS 2's messages: raw CDR in and out, no type information.
 
 The package's own classes encode and describe each message by a Python class. Here a message is
-bytes; Cyclone knows only the name of its type, and one byte. Messages are checked by our codec
-where they are read: Cyclone would drop a malformed one with a line on standard error. (It also does
-not report big-endian messages, which no platform of ROS 2 sends.)
+bytes; Cyclone knows only the name of its type, and one byte. The reader's codec checks messages:
+Cyclone would drop a malformed one with a line on standard error. (It also does not report
+big-endian messages, which no platform of ROS 2 sends.)
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from cardan.protocols.ros2.zenoh import Qos
 from cardan_dds.wire import ENCLAVE, Endpoint, padded
 
 MOST_PARTICIPANTS = 62
-"""Of a domain on this computer, at least; in the highest domain, more have no ports."""
+"""Participants of a domain on this computer, at least; in the highest domain, more have no
+ports."""
 
 LOOPBACK = f"""
 <CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">
@@ -40,28 +41,28 @@ LOOPBACK = f"""
     <WriterLingerDuration>20 ms</WriterLingerDuration></Internal>
 </Domain></CycloneDDS>
 """
-"""This computer alone. It meets peers by multicast and by unicast on loopback: those of all of ROS
-2's ways to be on one computer. Without key hashes Fast DDS does not notice that an endpoint was
-deleted, and has it for as long as its participant is there. A writer that is deleted waits for the
-acknowledgment of its last messages, by default for a second, though its reader has crashed."""
+"""Configuration for this computer alone. Peers are met by multicast and by unicast on loopback,
+which includes all local configurations of ROS 2. Without key hashes Fast DDS keeps a deleted
+endpoint as long as its participant. A deleted writer waits for the acknowledgment of its last
+messages, by default for a second, even if its reader has crashed."""
 
 CONFIG_VARIABLE = "CYCLONEDDS_URI"
 
 BLOCKED_MS = 10
-"""Longest that a full reliable writer blocks: it holds the interpreter for so long. A writer that
-keeps the last messages does not block at all."""
+"""Longest time that a full reliable writer blocks, and holds the interpreter. A writer that keeps
+the last messages does not block at all."""
 
 TAKEN_AT_ONCE = 64
-"""Most samples of a reader that are taken in one turn."""
+"""Most samples that are taken from a reader in one turn."""
 
 ROSOUT, ROSOUT_LIFESPAN_S = "rt/rosout", 10
-"""Log messages are kept for latecomers, but not for long."""
+"""Log messages are kept for late subscribers, but not for long."""
 
 MATCHES = 256
-"""Most matched endpoints of others that are asked for."""
+"""Most matched endpoints that are queried."""
 
 _ANY = 0xFFFF
-"""Samples, views and instances of all states."""
+"""All states of samples, views and instances."""
 
 _UNREAD = 2 | 4 | 8 | 16 | 32 | 64
 """Samples not yet read, of all views and instances."""
@@ -69,7 +70,7 @@ _UNREAD = 2 | 4 | 8 | 16 | 32 | 64
 _ALIVE = 16
 
 _HANDLE = 0xFFFF_FFFF_FFFF_FFFF
-"""Handles have no sign; the package gives some with one."""
+"""Handles are unsigned; the package returns some as negative."""
 
 _TABLE_POINTERS = 14
 _DESCRIBING = 8, 9, 10
@@ -85,15 +86,15 @@ class Sample(NamedTuple):
     """A message that a reader received."""
 
     data: bytes
-    """With its encapsulation, perhaps padded."""
+    """Message with its encapsulation, perhaps padded."""
     source_ns: int
-    """When it was written, since the epoch."""
+    """Time of writing, ns since the epoch."""
     writer: int
     """Handle of the writer."""
 
 
 class _Library:
-    """The package cyclonedds, and functions of its C library that it does not have itself."""
+    """Package cyclonedds, and functions of its C library that the package lacks."""
 
     def __init__(self) -> None:
         """Raises ExtraMissingError."""
@@ -116,17 +117,17 @@ class _Library:
             getattr(c, name).argtypes = arguments
         self.c = c
         self.domains: dict[int, tuple[str, Any]] = {}
-        """Domains that were configured here, with their configuration; deleting a domain deletes
+        """Domains configured in this process, with their configuration; deleting a domain deletes
         its participants."""
         self.lock = threading.Lock()
-        """Of domains, and of making, deleting and discovering endpoints: Cyclone DDS reads the user
-        data of one that another thread is making, or deleting, from memory that is not its own."""
+        """Lock for domains, and for making, deleting and discovering endpoints: Cyclone DDS reads
+        the user data of an endpoint that another thread makes or deletes from invalid memory."""
         self._table: Any = None
         self._describing: list[int] = []
 
     def find_table(self, topic: Any) -> None:
-        """Find the functions by which the package describes types, by any topic of it, and have
-        them where they can be taken away. Where that cannot be done nothing changes."""
+        """Find the functions by which the package describes types, from any topic, and make them
+        removable. No change if that is impossible."""
         find = getattr(self.c, "dds_get_entity_sertype", None)
         sertype = ctypes.c_void_p()
         if find is None or find(ctypes.c_int32(topic._ref), ctypes.byref(sertype)) != 0:
@@ -138,7 +139,7 @@ class _Library:
             self._describing = [table[place] or 0 for place in _DESCRIBING]
 
     def forget_table(self) -> None:
-        """Leave the table as it is from now on."""
+        """Leave the table unchanged from now on."""
         self._table = None
 
     @contextlib.contextmanager
@@ -163,7 +164,7 @@ class _Library:
 
 
 def _make_writable(address: int, size: int) -> bool:
-    """Make memory of a library writable, which the loader has made read-only."""
+    """Make memory of a library writable that the loader has made read-only."""
     if not sys.platform.startswith("linux"):
         return False
     first = address - address % mmap.PAGESIZE
@@ -182,7 +183,7 @@ def _library() -> _Library:
 
 @cache
 def _one_byte_type(name: str) -> Any:
-    """Cyclone's type of that name with one byte as content. Bytes after it are ignored."""
+    """Return Cyclone's type of that name with one byte as content. Bytes after it are ignored."""
     library = _library()
     fields = {"structure_needs_at_least_one_member": library.types.uint8}
     return library.idl.make_idl_struct("Raw", name.replace("::", "."), fields)
@@ -190,7 +191,7 @@ def _one_byte_type(name: str) -> Any:
 
 @cache
 def _whole_type(name: str) -> Any:
-    """A ROS type in full, as its description would be compared. Raises InterfaceError."""
+    """Return a complete ROS type, for comparison by its description. Raises InterfaceError."""
     ros_type = type_of_dds(name)
     is_part = ros_type.endswith(("_Request", "_Response")) and "/msg/" not in ros_type
     return _struct(ros_type, name, header=is_part)
@@ -223,7 +224,7 @@ def _field_type(types: Any, field: Field) -> Any:
 
 
 class Participant:
-    """A participant: makes readers and writers of raw messages. From any thread."""
+    """Participant that makes readers and writers of raw messages. From any thread."""
 
     def __init__(self, options: DdsOptions) -> None:
         """Raises ExtraMissingError, ConfigurationError and DriverError."""
@@ -244,11 +245,11 @@ class Participant:
         self._subscriber = library.sub.Subscriber(self._participant)
         self._closing = threading.Lock()
         self.typeless = True
-        """Whether its readers and writers are published without type information."""
+        """True if its readers and writers are published without type information."""
         self.typeless = _hides_types(self)
 
     def _configure(self, number: int) -> None:
-        """Configure the domain, which is done once in a process."""
+        """Configure the domain, once in a process."""
         config, domains = self.options.dds_config, self._library.domains
         if not config and os.environ.get(CONFIG_VARIABLE):
             return
@@ -275,7 +276,7 @@ class Participant:
             ) from None
 
     def close(self) -> None:
-        """Leave DDS, with all that was made here. Twice is fine."""
+        """Leave DDS, and delete all that was made here. May be called twice."""
         with self._closing:
             participant, self._participant = self._participant, None
         if participant is not None:
@@ -283,7 +284,7 @@ class Participant:
                 participant.__del__()
 
     def _make(self, topic: str, type_name: str, make: Callable[[Any], Any]) -> Any:
-        """A reader or writer of a topic. Raises DriverError and InterfaceError."""
+        """Return a reader or writer of a topic. Raises DriverError and InterfaceError."""
         participant, library = self._participant, self._library
         if participant is None:
             raise DriverError("DDS is closed")
@@ -297,12 +298,12 @@ class Participant:
             raise DriverError(f"{topic} on DDS: {_words(error)}") from None
 
     def hide_types(self, topic: str, type_name: str) -> None:
-        """Publish everything made from now on without a description of its type, where that is
+        """Publish everything made from now on without a description of its type, if that is
         possible; uses a topic made for this."""
         self._make(topic, type_name, self._library.find_table)
 
     def writer(self, topic: str, type_name: str, qos: Qos, user: bytes = b"") -> Writer:
-        """A writer; both names as DDS has them. Raises DriverError and InterfaceError."""
+        """Return a writer; both names are DDS's. Raises DriverError and InterfaceError."""
         policies = self._qos(topic, qos, user, writes=True)
         make = self._library.pub.DataWriter
         entity = self._make(topic, type_name, lambda on: make(self._publisher, on, qos=policies))
@@ -311,7 +312,7 @@ class Participant:
     def reader(
         self, topic: str, type_name: str, qos: Qos, user: bytes = b"", deaf: bool = False
     ) -> Reader:
-        """A reader; `deaf`: to this participant's own writers. Raises DriverError and
+        """Return a reader; `deaf`: ignore this participant's own writers. Raises DriverError and
         InterfaceError."""
         policies = self._qos(topic, qos, user, writes=False)
         if deaf:
@@ -337,23 +338,23 @@ class Participant:
         if writes:
             policies.append(policy.WriterDataLifecycle(autodispose=False))
             if qos.transient_local:
-                # Cyclone decides by it what latecomers get.
+                # It determines the messages for late subscribers in Cyclone.
                 policies.append(policy.DurabilityService(0, history, -1, -1, -1))
             if topic == ROSOUT:
                 policies.append(policy.Lifespan(ROSOUT_LIFESPAN_S * 1_000_000_000))
         return self._library.core.Qos(*policies)
 
     def discovery(self) -> Discovery:
-        """Participants that come and go. Raises DriverError."""
+        """Return an observer of participants. Raises DriverError."""
         return Discovery(self._library, self._participant)
 
     def waiter(self) -> Waiter:
-        """Something to wait for readers with."""
+        """Return a waiter for readers."""
         return Waiter(self._library, self._participant)
 
 
 class _Entity:
-    """Something on DDS until it is closed."""
+    """DDS entity, until it is closed."""
 
     def __init__(self, library: _Library, entity: Any) -> None:
         self._library, self._entity = library, entity
@@ -369,7 +370,7 @@ class _Entity:
         return list(self._buffer[: min(max(count, 0), MATCHES)])
 
     def close(self) -> None:
-        """Take it from DDS; twice is fine."""
+        """Delete it from DDS; may be called twice."""
         with self._library.lock:
             entity, self._entity = self._entity, None
             if entity is not None:
@@ -378,20 +379,20 @@ class _Entity:
 
 
 class Writer(_Entity):
-    """Writes raw messages."""
+    """Writer of raw messages."""
 
     def write(self, cdr: bytes | bytearray) -> bool:
-        """Write a message with its encapsulation; False where DDS did not take it."""
+        """Write a message with its encapsulation; return False if DDS did not accept it."""
         result: int = self._library.raw.ddspy_write(self.ref, padded(cdr))
         return result >= 0
 
     def matched(self) -> list[int]:
-        """Handles of the readers that it is matched with."""
+        """Return the handles of the matched readers."""
         return self._matched(self._library.c.dds_get_matched_subscriptions)
 
 
 class Reader(_Entity):
-    """Reads raw messages."""
+    """Reader of raw messages."""
 
     def __init__(self, library: _Library, entity: Any) -> None:
         super().__init__(library, entity)
@@ -399,9 +400,9 @@ class Reader(_Entity):
         self.condition: int = self._condition._ref
 
     def take(self) -> list[Sample]:
-        """The messages that are there, oldest first, TAKEN_AT_ONCE at most. Never blocks."""
+        """Return the available messages, oldest first, TAKEN_AT_ONCE at most. Never blocks."""
         found = self._library.raw.ddspy_take(self.ref, _ANY, TAKEN_AT_ONCE)
-        if isinstance(found, int):  # An error: it was closed meanwhile.
+        if isinstance(found, int):  # Error: it was closed meanwhile.
             return []
         return [
             Sample(data, info.source_timestamp, info.publication_handle)
@@ -410,11 +411,11 @@ class Reader(_Entity):
         ]
 
     def matched(self) -> list[int]:
-        """Handles of the writers that it is matched with."""
+        """Return the handles of the matched writers."""
         return self._matched(self._library.c.dds_get_matched_publications)
 
     def close(self) -> None:
-        """Take it from DDS; twice is fine."""
+        """Delete it from DDS; may be called twice."""
         condition, self._condition = self._condition, None
         if condition is not None:
             condition.__del__()
@@ -422,7 +423,7 @@ class Reader(_Entity):
 
 
 class Discovery:
-    """The participants and endpoints of others, and one's own, as DDS finds them."""
+    """Participants and endpoints discovered by DDS, including local ones."""
 
     def __init__(self, library: _Library, participant: Any) -> None:
         builtin, core = library.builtin, library.core
@@ -452,7 +453,7 @@ class Discovery:
                 yield self._endpoint(each, writes) if there else each.key.bytes
 
     def departed(self) -> list[bytes]:
-        """GUIDs of the participants that have left."""
+        """Return the GUIDs of the participants that have left."""
         with self._library.lock:
             reported = self._participants.take(TAKEN_AT_ONCE)
         return [each.key.bytes for each in reported if each.sample_info.instance_state != _ALIVE]
@@ -474,16 +475,16 @@ class Discovery:
         )
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop discovery."""
         self._conditions.clear()
         self._sides.clear()
 
 
 class Waiter:
-    """Waits in one thread until one of many readers has something, without the interpreter."""
+    """Waits in one thread for data of many readers, without the interpreter."""
 
     MOST = 256
-    """Readers that one wait tells of; the next one tells of the others."""
+    """Most readers that one wait reports; the next one reports the others."""
 
     def __init__(self, library: _Library, participant: Any) -> None:
         self._library = library
@@ -495,15 +496,15 @@ class Waiter:
         self.add(self._guard._ref, 0)
 
     def add(self, condition: int, number: int) -> None:
-        """Wait for a condition, too; `number` is what `wait` tells of it, from 1 on."""
+        """Also wait for a condition; `number` is its number in `wait`'s result, from 1 on."""
         self._library.c.dds_waitset_attach(self._waitset._ref, condition, number)
 
     def remove(self, condition: int) -> None:
-        """Wait for it no more."""
+        """Stop waiting for a condition."""
         self._library.c.dds_waitset_detach(self._waitset._ref, condition)
 
     def wait(self, timeout_s: float) -> Sequence[int]:
-        """The numbers of those that have something; none where nothing came in time."""
+        """Return the numbers of the triggered conditions; empty if none was in time."""
         count = self._library.c.dds_waitset_wait(
             self._waitset._ref, self._found, self.MOST, int(max(timeout_s, 0.0) * 1e9)
         )
@@ -529,11 +530,11 @@ class Waiter:
 
 _TESTING = threading.Lock()
 _HIDDEN: list[bool] = []
-"""Whether type information is hidden, once it is known: the library is the same all along."""
+"""True if type information is hidden, once known; it depends on the library only."""
 
 
 def _hides_types(participant: Participant) -> bool:
-    """Whether our topics are published without type information, as DDS itself tells of one."""
+    """Return True if local topics are published without type information, by DDS's own report."""
     with _TESTING:
         if not _HIDDEN:
             participant.hide_types(_TEST_TOPIC, _TEST_TYPE)
@@ -560,7 +561,7 @@ def _tested(participant: Participant) -> bool:
 
 
 def type_is_usable(participant: Participant, type_name: str) -> str:
-    """Why a DDS type cannot be used here; empty: it can."""
+    """Return why a DDS type cannot be used here; empty if it can."""
     if participant.typeless:
         return ""
     try:

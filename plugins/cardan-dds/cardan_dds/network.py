@@ -1,6 +1,6 @@
 """The whole ROS graph of a DDS domain for servers: the `Network` of cardan.bus.network over DDS.
 
-A single thread waits for all readers and for discovery, and calls back. Services are those of
+A single thread waits for all readers and for discovery, and runs the callbacks. Services follow
 rmw_cyclonedds: a header before each request and reply.
 """
 
@@ -60,20 +60,20 @@ from cardan_dds.wire import (
 )
 
 LONGEST_CALL_S = 3600.0
-"""How long a call without a time limit waits for its reply."""
+"""Longest wait for the reply to a call without a time limit."""
 
 KEPT = 100
-"""Messages of a topic that wait for this process to have time; of more, the oldest are lost."""
+"""Messages of a topic that wait for this process; beyond it the oldest are lost."""
 
 LATCHED_KEPT = 32
-"""Messages of a latched topic that are kept for latecomers: where several nodes of the other side
-publish on one topic, each one's newest."""
+"""Messages of a latched topic that are kept for late subscribers: if several nodes of the other
+side publish a topic, each one's newest."""
 
 LOOK_S = 0.01
-"""How often it looks whether the other side of a service is there yet: rmw_cyclonedds's period."""
+"""Period of checks for the other side of a service; rmw_cyclonedds's value."""
 
 REPLY_WAIT_S = 0.1
-"""How long a reply waits for its client's reader: rmw_cyclonedds's."""
+"""Longest wait of a reply for its client's reader; rmw_cyclonedds's value."""
 
 IDLE_S = 1.0
 """Longest sleep of the thread."""
@@ -82,10 +82,10 @@ END_TIMEOUT_S = 2.0
 """Longest wait for the thread's end: it may be in a callback."""
 
 HeardFrom = Callable[[bytes, int, "Endpoint | None"], None]
-"""A message, its time, and its writer; None: not known."""
+"""Message, its time, and its writer; None: unknown."""
 
 AskedBy = Callable[[bytes, Answered, "Endpoint | None"], None]
-"""A request, what its reply is given to, and the writer of the request."""
+"""Request, callback for its reply, and writer of the request."""
 
 _log = logging.getLogger(__name__)
 
@@ -93,11 +93,11 @@ _GivenT = TypeVar("_GivenT", bound="_Given")
 
 
 class DdsNetwork:
-    """A node that sees the whole graph of a DDS domain.
+    """Node with a view of the whole graph of a DDS domain.
 
     ::
 
-        with DdsNetwork(DdsOptions(), "server") as network:
+    with DdsNetwork(DdsOptions(), "server") as network:
             network.subscribe("/joint_states", None, heard)
     """
 
@@ -118,7 +118,7 @@ class DdsNetwork:
             self._shared.announcer.add(self.full_name)
 
     def close(self) -> None:
-        """Leave DDS, and close everything still open there. Never raises; twice is fine."""
+        """Leave DDS, and close everything still open there. Never raises; may be called twice."""
         self._leave()
         hub, self._shared = self._shared, None
         if hub is not None:
@@ -130,7 +130,7 @@ class DdsNetwork:
         self._clients.clear()
 
     def part(self, name: str) -> DdsNetwork:
-        """The same network as a node of its own, until it is closed."""
+        """Return the same network as a separate node, until it is closed."""
         return _Part(self, name)
 
     __enter__ = enter
@@ -138,7 +138,7 @@ class DdsNetwork:
 
     @property
     def hub(self) -> _Hub:
-        """The participant. Raises NetworkError where it is closed."""
+        """Participant. Raises NetworkError if it is closed."""
         if self._shared is None:
             raise NetworkError("DDS is not open: use the network in a with statement")
         return self._shared
@@ -146,7 +146,7 @@ class DdsNetwork:
     # -- the graph -------------------------------------------------------------------------------
 
     def topics(self, others: bool = False) -> Mapping[str, Topic]:
-        """All topics by name; `others`: only what other participants have."""
+        """Return all topics by name; `others`: only those of other participants."""
         hub = self.hub
         with hub.lock:
             found = {}
@@ -163,7 +163,7 @@ class DdsNetwork:
             return found
 
     def services(self, others: bool = False) -> Mapping[str, ServiceInfo]:
-        """All services by name."""
+        """Return all services by name."""
         hub = self.hub
         with hub.lock:
             found = {}
@@ -175,7 +175,7 @@ class DdsNetwork:
             return found
 
     def nodes(self) -> Sequence[str]:
-        """Full names of all nodes."""
+        """Return the full names of all nodes."""
         hub = self.hub
         with hub.lock:
             return hub.graph.nodes()
@@ -191,26 +191,26 @@ class DdsNetwork:
         return self.hub.changes
 
     def others(self, topic: str) -> tuple[list[Endpoint], list[Endpoint]]:
-        """Other participants' writers and readers of a topic."""
+        """Return other participants' writers and readers of a topic."""
         hub = self.hub
         with hub.lock:
             return hub.sides(TOPIC, topic, others=True)
 
     def node_of(self, endpoint: Endpoint) -> str:
-        """Full name of the node that has an endpoint; empty until it is announced."""
+        """Return the full name of the node that has an endpoint; empty until it is announced."""
         hub = self.hub
         with hub.lock:
             name = hub.graph.node_of(endpoint)
         return "" if name == BARE_NODE else name
 
     def participants(self) -> set[bytes]:
-        """GUIDs of the participants that have anything."""
+        """Return the GUIDs of the participants that have anything."""
         hub = self.hub
         with hub.lock:
             return hub.graph.participants()
 
     def having(self, node: str) -> list[bytes]:
-        """GUIDs of the other participants that have a node of this full name."""
+        """Return the GUIDs of the other participants that have a node of this full name."""
         hub = self.hub
         with hub.lock:
             return [each for each in hub.graph.having_node(node) if each != self.guid]
@@ -224,26 +224,26 @@ class DdsNetwork:
             ) not in ([], False)
 
     def watch_departures(self, departed: Callable[[bytes], None]) -> None:
-        """Call `departed` with the GUID of each participant that leaves or dies; a participant
-        that dies is reported when its lease ends (10 s by ROS 2's settings)."""
+        """Call `departed` with the GUID of each participant that leaves or dies; a dead one is
+        reported at the end of its lease (10 s by ROS 2's settings)."""
         self.hub.departures.append(departed)
 
     # -- endpoints -------------------------------------------------------------------------------
 
     def subscribe(self, topic: str, type_name: str | None, heard: Heard) -> Handle:
-        """Have `heard` called with each message of `topic`. Raises NetworkError."""
+        """Call `heard` with each message of `topic`. Raises NetworkError."""
         return self.subscribe_from(topic, type_name, lambda data, ns, _from: heard(data, ns))
 
     def subscribe_from(
         self, topic: str, type_name: str | None, heard: HeardFrom, history: bool = True
     ) -> Handle:
-        """Subscribe with the sender of each message; without `history` no messages published
+        """Subscribe with the sender of each message; without `history` ignore messages published
         before. Raises NetworkError."""
         given = _Subscription(self.hub, self.full_name, _checked(topic), type_name, heard, history)
         return self._retained(given)
 
     def advertise(self, topic: str, type_name: str, latched: bool) -> _Sender:
-        """A publisher. Raises NetworkError."""
+        """Return a publisher. Raises NetworkError."""
         qos = Qos(transient_local=latched, depth=LATCHED_KEPT if latched else KEPT)
         return self._retained(_Sender(self.hub, self.full_name, _checked(topic), type_name, qos))
 
@@ -255,9 +255,9 @@ class DdsNetwork:
         answered: Answered,
         timeout_s: float | None,
     ) -> None:
-        """Call a service of a Cyclone DDS node; `answered` is called once, with a Failure where
-        there is no reply in `timeout_s`, and where a server is of another DDS, which is sent
-        nothing. Raises NetworkError."""
+        """Call a service of a Cyclone DDS node; `answered` is called once, with a Failure if no
+        reply arrives in `timeout_s`, or if a server uses another DDS, to which nothing is sent.
+        Raises NetworkError."""
         with self._making:
             client = self._clients.get((service, type_name))
             if client is None:
@@ -267,7 +267,7 @@ class DdsNetwork:
 
     def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
         """Offer a service. DDS has no message for a failure: the client gets the refusal of the
-        service's own type, and no reply where Cardan does not know that. Raises NetworkError."""
+        service's own type, or no reply if Cardan does not know the type. Raises NetworkError."""
         return self.serve_to(service, type_name, lambda data, answer, _by: asked(data, answer))
 
     def serve_to(self, service: str, type_name: str, asked: AskedBy) -> Handle:
@@ -283,7 +283,7 @@ class DdsNetwork:
 
 
 class _Part(DdsNetwork):
-    """A node beside another one in its participant."""
+    """Node beside another one in its participant."""
 
     def __init__(self, whole: DdsNetwork, name: str) -> None:
         super().__init__(whole.options, name)
@@ -291,7 +291,7 @@ class _Part(DdsNetwork):
         self._shared.announcer.add(self.full_name)
 
     def close(self) -> None:
-        """Remove the node and its endpoints from DDS. Never raises; twice is fine."""
+        """Remove the node and its endpoints from DDS. Never raises; may be called twice."""
         self._leave()
         hub, self._shared = self._shared, None
         if hub is not None:
@@ -299,7 +299,7 @@ class _Part(DdsNetwork):
 
 
 class _Hub:
-    """A participant with its graph, and the thread that waits for all its readers."""
+    """Participant with its graph, and the thread that waits for all its readers."""
 
     def __init__(self, options: DdsOptions, deaf: bool) -> None:
         """Raises ExtraMissingError, ConfigurationError, or DriverError."""
@@ -316,7 +316,7 @@ class _Hub:
         self._graph_reader = GraphReader(self.participant)
         self.graph = self._graph_reader.graph
         self._discovering: set[int] = set()
-        """The numbers of what tells of the graph."""
+        """Numbers of the conditions for changes of the graph."""
         for condition in self._graph_reader.conditions:
             number = next(self._ids)
             self._discovering.add(number)
@@ -329,7 +329,7 @@ class _Hub:
         self._thread.start()
 
     def close(self) -> None:
-        """Leave DDS. Twice is fine."""
+        """Leave DDS. May be called twice."""
         if self._closed:
             return
         self._closed = True
@@ -344,7 +344,7 @@ class _Hub:
     # -- for endpoints, from any thread ------------------------------------------------------------
 
     def next_id(self) -> int:
-        """A number that nothing else of this participant has."""
+        """Return a number that is unique in this participant."""
         return next(self._ids)
 
     def listen(self, number: int, given: _Given, reader: Reader) -> None:
@@ -376,7 +376,8 @@ class _Hub:
     def sides(
         self, prefix: str, name: str, others: bool = False
     ) -> tuple[list[Endpoint], list[Endpoint]]:
-        """The writers and the readers of a ROS name; `others`: not one's own. With the lock."""
+        """Return the writers and the readers of a ROS name; `others`: without local ones. Call it
+        with the lock."""
         own = self.participant.guid if others else b""
         writers, readers = (
             [each for each in self.graph.having(prefix, name, side) if each.participant != own]
@@ -385,28 +386,28 @@ class _Hub:
         return writers, readers
 
     def nodes_of(self, endpoints: Sequence[Endpoint]) -> tuple[str, ...]:
-        """Full names of the nodes that have these. With the lock."""
+        """Return the full names of the nodes that have these. Call it with the lock."""
         return tuple(sorted({self.graph.node_of(each) for each in endpoints}))
 
     def by_handle(self, handle: int) -> Endpoint | None:
-        """The endpoint with this instance handle."""
+        """Return the endpoint with this instance handle."""
         with self.lock:
             return self.graph.by_handle(handle)
 
     def writer_of(self, sample: Sample) -> Endpoint | None:
-        """The writer of a sample. In the thread."""
+        """Return the writer of a sample. In the thread."""
         writer = self.by_handle(sample.writer)
         if writer is None and self._discover():
             writer = self.by_handle(sample.writer)
         return writer
 
     def make_writer(self, prefix: str, name: str, type_name: str, qos: Qos, user: bytes) -> Writer:
-        """Raises NetworkError."""
+        """Return a writer. Raises NetworkError."""
         with _errors_translated():
             return self.participant.writer(*self._names(prefix, name, type_name), qos, user)
 
     def make_reader(self, prefix: str, name: str, type_name: str, qos: Qos, user: bytes) -> Reader:
-        """Raises NetworkError."""
+        """Return a reader. Raises NetworkError."""
         with _errors_translated():
             names = self._names(prefix, name, type_name)
             return self.participant.reader(*names, qos, user, self.deaf and prefix == TOPIC)
@@ -441,7 +442,7 @@ class _Hub:
                 _log.exception("a fault in what DDS brought; it goes on")
 
     def _discover(self) -> bool:
-        """Take what DDS has discovered; whether anything."""
+        """Process DDS's discoveries; return True if there were any."""
         found = self._graph_reader.take()
         if not any(found):
             return False
@@ -460,7 +461,7 @@ class _Hub:
         return True
 
     def _warn_of(self, endpoint: Endpoint) -> None:
-        """A client that our servers cannot answer is reported once."""
+        """Report a client that local servers cannot answer, once."""
         if self._warned or not endpoint.writes or endpoint.vendor in HEADER_SENDERS:
             return
         ros = endpoint.ros
@@ -478,7 +479,7 @@ class _Hub:
 
 
 class _Given:
-    """A handle's entities on DDS until it is closed."""
+    """DDS entities of a handle, until it is closed."""
 
     def __init__(self, hub: _Hub, node: str) -> None:
         self._hub, self._node = hub, node
@@ -490,14 +491,14 @@ class _Given:
         """Read available data. In the thread."""
 
     def adapt(self) -> None:
-        """The graph has changed. In the thread."""
+        """Adapt to changes of the graph. In the thread."""
 
     def look(self, _now_s: float) -> float:
         """Do due work; return when to look again, by the monotonic clock. In the thread."""
         return float("inf")
 
     def close(self) -> None:
-        """Take it from DDS; nothing calls back afterwards. Twice is fine."""
+        """Delete it from DDS; no callback follows. May be called twice."""
         self.closed = True
         self._hub.unfollow(self)
         self._drop()
@@ -523,7 +524,7 @@ class _Given:
 
 
 class _Sender(_Given):
-    """A publisher, for any thread."""
+    """Publisher for any thread."""
 
     def __init__(self, hub: _Hub, node: str, topic: str, type_name: str, qos: Qos) -> None:
         super().__init__(hub, node)
@@ -532,7 +533,7 @@ class _Sender(_Given):
 
     @property
     def heard(self) -> bool:
-        """Whether there is a subscriber."""
+        """True if there is a subscriber."""
         return not self.closed and bool(self._writer.matched())
 
     def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
@@ -542,8 +543,8 @@ class _Sender(_Given):
 
 
 class _Subscription(_Given):
-    """A subscription whose reader fits the present publishers: their type where none was given,
-    best effort where one of them is, latched where all are."""
+    """Subscription whose reader fits the present publishers: their type if none was given, best
+    effort if one of them is, latched if all are."""
 
     def __init__(
         self,
@@ -561,7 +562,7 @@ class _Subscription(_Given):
         self._form: tuple[str, bool, bool] | None = None
         self._reader: Reader | None = None
         self._fitting = threading.Lock()
-        # A publisher that is found meanwhile is fitted by the thread.
+        # The thread adapts to a publisher that is found meanwhile.
         hub.follow(self)
         try:
             self.adapt()
@@ -589,7 +590,7 @@ class _Subscription(_Given):
         self._form, self._type = form, type_name
         self._reader = None
         self._drop()
-        # Latched messages are given to reliable readers only.
+        # Only reliable readers get latched messages.
         qos = Qos(reliable or latched, latched, KEPT)
         self._reader = self._hub.make_reader(
             TOPIC, self._topic, type_name, qos, topic_user_data(type_name)
@@ -610,7 +611,7 @@ class _Subscription(_Given):
 
 
 class _Client(_Given):
-    """A client of a service, which stays on DDS: matching takes longer than a call."""
+    """Client of a service, which stays on DDS: matching takes longer than a call."""
 
     def __init__(self, hub: _Hub, node: str, service: str, type_name: str) -> None:
         super().__init__(hub, node)
@@ -625,12 +626,12 @@ class _Client(_Given):
         self._lock = threading.Lock()
         self._unsent: dict[int, bytes] = {}
         self._waiting: dict[int, tuple[Answered, float]] = {}
-        """By request: the callback for the reply, and the deadline of the reply."""
+        """By request: callback for the reply, and its deadline."""
         self._have(self._reader, self._writer)
         hub.follow(self)
 
     def call(self, request: bytes, answered: Answered, timeout_s: float) -> None:
-        """Send a request as soon as there is a server."""
+        """Send a request as soon as a server is present."""
         with self._lock:
             number = next(self._sequences)
             self._waiting[number] = answered, time.monotonic() + timeout_s
@@ -656,8 +657,8 @@ class _Client(_Given):
         return min(due_s, now_s + LOOK_S) if self._unsent else due_s
 
     def _refusal(self) -> str:
-        """Why a request must not be sent; empty: it may. A server of another DDS would take the
-        header for the beginning of the request."""
+        """Return why a request must not be sent; empty if it may. A server of another DDS would
+        take the header for the beginning of the request."""
         with self._hub.lock:
             servers = self._hub.graph.having(REQUEST, self._service, writes=False)
         for each in servers:
@@ -667,7 +668,8 @@ class _Client(_Given):
         return ""
 
     def _met(self) -> bool:
-        """Whether a server has met both endpoints of this client: an earlier request is lost."""
+        """Return True if a server has met both endpoints of this client: earlier requests are
+        lost."""
         find = self._hub.by_handle
         writers = [each for each in map(find, self._reader.matched()) if each is not None]
         for server in map(find, self._writer.matched()):
@@ -741,7 +743,7 @@ class _Server(_Given):
         self._asked(_exact(self._request, packet.cdr), answer, client)
 
     def _refusal(self, reason: str) -> bytes | None:
-        """The response that says so; None of a type that Cardan does not know."""
+        """Return the response for a refusal; None for a type that Cardan does not know."""
         try:
             response = refusal(self._type, reason)
             return codec_of(f"{self._type}_Response").encode(response)
@@ -749,7 +751,7 @@ class _Server(_Given):
             return None
 
     def _reply(self, data: bytes, client: Endpoint) -> None:
-        """From any thread."""
+        """Send a reply. From any thread."""
         if self.closed:
             return
         if self._met(client):
@@ -760,7 +762,8 @@ class _Server(_Given):
         self._hub.wake()
 
     def _met(self, client: Endpoint) -> bool:
-        """Whether the client's reader is matched; a client without an id cannot be waited for."""
+        """Return True if the client's reader is matched; a client without an id cannot be
+        awaited."""
         if not client.property_of("clientid"):
             return True
         readers = map(self._hub.by_handle, self._writer.matched())
@@ -771,7 +774,7 @@ class _Server(_Given):
             replies, self._replies = self._replies, []
         for data, client, end_s in replies:
             if self._hub.by_handle(client.handle) is None:
-                continue  # The client is gone.
+                continue  # The client has left.
             if self._met(client) or now_s >= end_s:
                 self._writer.write(data)
             else:
@@ -781,7 +784,7 @@ class _Server(_Given):
 
 
 def _service_users(hub: _Hub, key: str, type_name: str) -> tuple[bytes, bytes]:
-    """User data of a service's request endpoint, and of its reply endpoint."""
+    """Return the user data of a service's request endpoint, and of its reply endpoint."""
     own = service_id(hub.participant.guid, hub.next_id())
     found = []
     for part in ("Request", "Response"):
@@ -796,7 +799,7 @@ def _service_users(hub: _Hub, key: str, type_name: str) -> tuple[bytes, bytes]:
 def _exact(type_name: str, data: bytes) -> bytes:
     try:
         return exact(type_name, data)
-    except InterfaceError:  # A type that Cardan does not know: its length cannot be told.
+    except InterfaceError:  # Of a type that Cardan does not know the length is unknown.
         return data
 
 

@@ -1,4 +1,4 @@
-"""ROS 2 nodes on DDS: their announcement, and a node with topics for a loop of its own."""
+"""ROS 2 nodes on DDS: their announcement, and a node with topics for a loop."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ WRITERS_KEPT = 64
 """Writers of a topic whose messages are counted."""
 
 HANDLE_BYTES = 8
-"""Of a writer's instance handle, which is its GID in attachments."""
+"""Size of a writer's instance handle, which is its GID in attachments."""
 
 ANNOUNCED_QOS = Qos(transient_local=True, depth=1)
 
 
 def topic_user_data(type_name: str) -> bytes:
-    """User data of an endpoint: the hash of its type; empty for a type that Cardan does not
-    know."""
+    """Return the user data of an endpoint: the hash of its type; empty for a type that Cardan does
+    not know."""
     try:
         return user_data({"typehash": type_hash(full_name(type_name))})
     except InterfaceError:
@@ -56,13 +56,12 @@ def topic_user_data(type_name: str) -> bytes:
 
 
 def gid_bytes(options: DdsOptions) -> int:
-    """Length of ids in announcements, bytes."""
+    """Return the length of ids in announcements, bytes."""
     return HUMBLE_GID_BYTES if options.dds_distribution == "humble" else GID_BYTES
 
 
 class Announcer:
-    """Tells others which nodes a participant has, all of them with each change. From any
-    thread."""
+    """Announces the nodes of a participant, all of them with each change. From any thread."""
 
     def __init__(self, participant: Participant) -> None:
         """Raises DriverError."""
@@ -79,7 +78,7 @@ class Announcer:
         )
 
     def add(self, node: str, *entities: Reader | Writer) -> None:
-        """A node is there, or has these endpoints, which are made already."""
+        """Add a node, or endpoints of it that exist already."""
         with self._lock:
             sides = self._nodes.setdefault(node, (set(), set()))
             for each in entities:
@@ -87,7 +86,7 @@ class Announcer:
             self._tell()
 
     def remove(self, node: str, *entities: Reader | Writer) -> None:
-        """These endpoints will be closed; without any, the node will be gone."""
+        """Remove endpoints before they are closed; without any, remove the node."""
         with self._lock:
             sides = self._nodes.get(node)
             if sides is None:
@@ -99,7 +98,7 @@ class Announcer:
             self._tell()
 
     def close(self) -> None:
-        """Forget all nodes."""
+        """Remove all nodes."""
         with self._lock:
             self._nodes.clear()
             self._tell()
@@ -114,7 +113,7 @@ class Announcer:
 
 
 class DdsPublisher:
-    """Publishes messages of one type on one topic."""
+    """Publisher of messages of one type on one topic."""
 
     def __init__(self, writer: Writer, closed: Callable[[Writer], None]) -> None:
         self._writer, self._closed = writer, closed
@@ -129,7 +128,7 @@ class DdsPublisher:
 
     @property
     def heard(self) -> bool:
-        """Whether there is a subscriber."""
+        """True if there is a subscriber."""
         return bool(self._writer.matched())
 
     def close(self) -> None:
@@ -138,7 +137,7 @@ class DdsPublisher:
 
 
 class GraphReader:
-    """Reader of discovered endpoints and announced nodes into a graph. Not a thread of its own."""
+    """Reads discovered endpoints and announced nodes into a graph. It has no thread."""
 
     def __init__(self, participant: Participant) -> None:
         """Raises DriverError."""
@@ -155,7 +154,7 @@ class GraphReader:
         """Conditions for a waiter: data can be read."""
 
     def take(self) -> Discovered:
-        """Take new discoveries, which the graph does not have yet."""
+        """Return new discoveries, which the graph does not have yet."""
         return Discovered(
             list(self._discovery.endpoints()), self._announced.take(), self._discovery.departed()
         )
@@ -179,14 +178,14 @@ class GraphReader:
         self.learn(self.take())
 
     def writer(self, gid: bytes) -> str:
-        """Full name of the node that has the writer which attachments call `gid`; empty: it is
-        not announced."""
+        """Return the full name of the node with the writer `gid` of attachments; empty: not
+        announced."""
         endpoint = self.graph.by_handle(int.from_bytes(gid[:HANDLE_BYTES], "little"))
         name = "" if endpoint is None else self.graph.node_of(endpoint)
         return "" if name == BARE_NODE else name
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop discovery."""
         self._discovery.close()
         self._announced.close()
 
@@ -195,14 +194,14 @@ class Discovered(NamedTuple):
     """New discoveries on DDS."""
 
     changes: list[Endpoint | bytes]
-    """Endpoints, and the GUIDs of those that are gone."""
+    """Endpoints, and the GUIDs of removed ones."""
     announced: list[Sample]
     departed: list[bytes]
     """GUIDs of participants."""
 
 
 class DdsSubscription:
-    """Receives the messages of one topic in a thread that sleeps until one comes."""
+    """Subscription to one topic for a thread that sleeps until a message arrives."""
 
     def __init__(
         self,
@@ -221,7 +220,7 @@ class DdsSubscription:
         waiter.add(reader.condition, 1)
 
     def wait(self, timeout_s: float) -> Received | None:
-        """Return the oldest kept message, or the next one; None on a time-out."""
+        """Return the oldest message in the queue, or the next one; None on a time-out."""
         end_s = time.monotonic() + timeout_s
         while not self._retained:
             self._take()
@@ -233,7 +232,7 @@ class DdsSubscription:
         return self._retained.popleft() if self._retained else None
 
     def poll(self) -> Received | None:
-        """Return the oldest kept message; None where there is none."""
+        """Return the oldest message in the queue, or None."""
         return self.wait(0.0)
 
     def wake(self) -> None:
@@ -242,7 +241,7 @@ class DdsSubscription:
         self._waiter.wake()
 
     def _take(self) -> None:
-        """Each writer's messages are numbered here: DDS gives them once and in order."""
+        """Number each writer's messages: DDS delivers them once and in order."""
         for sample in self._reader.take():
             counted = self._counts.get(sample.writer)
             if counted is None:
@@ -262,12 +261,12 @@ class DdsSubscription:
 
 
 class DdsNode(OtherNode):
-    """A node with a participant of its own, for drivers and simulated robots: what BusNode is on
-    Zenoh, as far as they need it.
+    """Node with its own participant, for drivers and simulated robots: the part of BusNode's
+    interface that they need.
 
     ::
 
-        with DdsNode(DdsOptions(), "driver") as node:
+    with DdsNode(DdsOptions(), "driver") as node:
             states = node.waiting_subscription("/joint_states", "sensor_msgs/msg/JointState", 10)
             received = states.wait(0.1)
     """
@@ -285,7 +284,7 @@ class DdsNode(OtherNode):
             self._announcer.add(self.full_name)
 
     def close(self) -> None:
-        """Leave DDS, with all that it has there. Twice is fine."""
+        """Leave DDS, and delete all endpoints. May be called twice."""
         announcer, self._announcer = self._announcer, None
         participant, self._participant = self._participant, None
         if announcer is not None:
@@ -297,7 +296,7 @@ class DdsNode(OtherNode):
     __exit__ = leave
 
     def publisher(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> DdsPublisher:
-        """A publisher of a topic. Raises InterfaceError, RosNameError or DriverError."""
+        """Return a publisher of a topic. Raises InterfaceError, RosNameError or DriverError."""
         participant, announcer = self._opened()
         writer = participant.writer(*self._names(name, type_name), qos, topic_user_data(type_name))
         announcer.add(self.full_name, writer)
@@ -306,10 +305,10 @@ class DdsNode(OtherNode):
     def waiting_subscription(
         self, name: str, type_name: str, depth: int, qos: Qos = DEFAULT_QOS
     ) -> DdsSubscription:
-        """Make a subscription that keeps the newest `depth` messages of publishers of any
+        """Return a subscription that keeps the newest `depth` messages of publishers of any
         reliability. Raises InterfaceError, RosNameError or DriverError."""
         participant, announcer = self._opened()
-        # Messages published earlier reach a latched subscription only if it is reliable.
+        # Only a reliable latched subscription gets messages published earlier.
         retained = qos._replace(depth=depth, reliable=qos.transient_local)
         names = self._names(name, type_name)
         reader = participant.reader(*names, retained, topic_user_data(type_name))
@@ -319,7 +318,7 @@ class DdsNode(OtherNode):
         )
 
     def graph_reader(self) -> GraphReader:
-        """A reader of the participants, writers and readers on DDS. Raises DriverError."""
+        """Return a reader of the participants, writers and readers on DDS. Raises DriverError."""
         return GraphReader(self._opened()[0])
 
     def _names(self, name: str, type_name: str) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""The bus on DDS: programs of ROS 2 that do not speak Zenoh watch and command the arms."""
+"""Bridge from the bus to DDS: ROS 2 programs without Zenoh observe and command the arms."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class DdsBridgeOptions(Options):
     """Topics and services that the bridge joins."""
 
     topics: tuple[str, ...] = ("*",)
-    """Patterns of the topics that are on DDS."""
+    """Patterns of the topics on DDS."""
     services: tuple[str, ...] = ()
-    """Patterns of the services, those of actions and parameters among them, that are on DDS: "*"
-    where all nodes there have rmw_cyclonedds. Others would see them as ready, and get no answer."""
+    """Patterns of the services on DDS, including those of actions and parameters: "*" if all nodes
+    there have rmw_cyclonedds. Others would see them as ready, and get no answer."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 Source: rmw_dds_common and rmw_cyclonedds (topic names, ``user_data``, ``ros_discovery_info``, the
 header of requests), design.ros2.org "Topic and service names"; vendor ids: OMG DDSI-RTPS 2.5, 9.3.
-Nothing here opens a participant.
+No function opens a participant.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from cardan.protocols.ros2.cdr import ENCAPSULATION, codec_of
 from cardan.protocols.ros2.names import dds_type, type_of_dds
 
 DISCOVERY_TOPIC = "ros_discovery_info"
-"""Where participants announce their nodes; it has no prefix."""
+"""Topic on which participants announce their nodes; it has no prefix."""
 
 DISCOVERY_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 GID_BYTES, HUMBLE_GID_BYTES = 16, 24
-"""Of the ids in announcements: the one field that differs between distributions. Up to Humble eight
-zeros follow the GUID; the names of topic and type are the same."""
+"""Length of the ids in announcements, the only field that differs between distributions. Up to
+Humble eight zeros follow the GUID; the names of topic and type are the same."""
 
 ENCLAVE = b"enclave=/;"
-"""User data of a participant; one without it does not count as ROS 2."""
+"""User data of a participant; without them it does not count as ROS 2."""
 
 BARE_NODE = "/_CREATED_BY_BARE_DDS_APP_"
 """ROS 2's node name for an endpoint that no node has announced."""
 
 HEADER = struct.Struct("<Qq")
-"""Before each request and reply: the client's id and the request's number."""
+"""Header of each request and reply: the client's id and the request's number."""
 
 GUID_BYTES = 16
 
@@ -51,8 +51,7 @@ _VENDORS = {
 _LENGTH = struct.Struct("<I")
 
 HEADER_SENDERS = (CYCLONE, RUST_DDS)
-"""Vendors whose clients put the header before requests; requests of others would be read from the
-wrong byte."""
+"""Vendors whose clients put the header before requests; requests of others would be misread."""
 
 WAYS_OUT = (
     "services do not work between Cyclone DDS and other DDS vendors; commands on topics do, and so "
@@ -63,9 +62,9 @@ WAYS_OUT = (
 
 
 def vendor(guid: bytes) -> str:
-    """Vendor of the DDS with a participant or endpoint of this GUID; empty: unknown.
+    """Return the vendor of the DDS with a participant or endpoint of this GUID; empty: unknown.
 
-    By convention of all vendors known here, the first two bytes are the vendor's.
+    By convention of all listed vendors, the first two bytes identify the vendor.
     """
     return _VENDORS.get(guid[:2], "")
 
@@ -74,30 +73,30 @@ def vendor(guid: bytes) -> str:
 
 
 class DdsName(NamedTuple):
-    """ROS 2's meaning of a DDS topic."""
+    """ROS 2's interpretation of a DDS topic."""
 
     prefix: str
     """TOPIC, REQUEST or REPLY."""
     name: str
     """Absolute name of the topic or service."""
     type_name: str
-    """Of the message, or of the service as a whole: "std_srvs/srv/Trigger"; empty where it is no
-    type of ROS."""
+    """Type of the message, or of the whole service: "std_srvs/srv/Trigger"; empty if it is not a
+    ROS type."""
 
 
 def dds_topic(prefix: str, name: str) -> str:
-    """The DDS topic of an absolute name: "/gcmp", REQUEST -> "rq/gcmpRequest"."""
+    """Return the DDS topic of an absolute name: "/gcmp", REQUEST -> "rq/gcmpRequest"."""
     return f"{prefix}{name}{_SUFFIXES[prefix]}"
 
 
 def dds_type_of(prefix: str, type_name: str) -> str:
     """Return the DDS type of a message, or of a service's request or reply. Raises InterfaceError
-    for a string that is no name of a type."""
+    for a string that is not a type name."""
     return dds_type(f"{type_name}{_PARTS[prefix]}")
 
 
 def ros_name(topic: str, type_name: str) -> DdsName | None:
-    """Return ROS 2's meaning of a DDS topic with a DDS type; None: it has none."""
+    """Return ROS 2's interpretation of a DDS topic with a DDS type; None if it has none."""
     prefix, slash, rest = topic.partition("/")
     suffix = _SUFFIXES.get(prefix)
     if suffix is None or not slash or not rest.endswith(suffix):
@@ -112,18 +111,18 @@ def ros_name(topic: str, type_name: str) -> DdsName | None:
 
 
 def user_data(pairs: Mapping[str, str]) -> bytes:
-    """The user data of an endpoint: "typehash=RIHS01_...;"."""
+    """Encode the user data of an endpoint: "typehash=RIHS01_...;"."""
     return "".join(f"{key}={value};" for key, value in pairs.items() if value).encode("ascii")
 
 
 def parsed_user_data(data: bytes) -> dict[str, str]:
-    """Return the pairs of user data; malformed parts are left out."""
+    """Parse user data into pairs; malformed parts are skipped."""
     pairs = (each.partition("=") for each in data.decode("ascii", "replace").split(";"))
     return {key: value for key, equals, value in pairs if equals}
 
 
 def service_id(participant: bytes, number: int) -> str:
-    """The id that the two endpoints of one server, or of one client, share: 16 bytes in hex."""
+    """Return the id that the two endpoints of a server or client share: 16 bytes in hex."""
     data = participant[:12] + number.to_bytes(4, "big")
     return ".".join(f"{each:x}" for each in data)
 
@@ -132,13 +131,13 @@ def service_id(participant: bytes, number: int) -> str:
 
 
 def padded(cdr: bytes | bytearray) -> bytes:
-    """A message as Cyclone DDS writes it: its length is a multiple of four."""
+    """Return a message in the form that Cyclone DDS writes: its length is a multiple of four."""
     return bytes(cdr) + bytes(-len(cdr) % 4)
 
 
 def exact(type_name: str, data: bytes) -> bytes:
     """Return a message of a known type without padding, as on Zenoh; its encapsulation header
-    does not announce padding any more."""
+    announces no padding."""
     data = ENCAPSULATION + data[4:] if data[:2] == ENCAPSULATION[:2] != data[2:4] else data
     return codec_of(type_name).exact(data)
 
@@ -171,10 +170,10 @@ class ServicePacket(NamedTuple):
 
 
 class NodeInfo(NamedTuple):
-    """A node as its participant announces it."""
+    """Node in the announcement of its participant."""
 
     name: str
-    """Full: "/ns/node"."""
+    """Full name: "/ns/node"."""
     readers: tuple[bytes, ...] = ()
     """GUIDs, 16 bytes each."""
     writers: tuple[bytes, ...] = ()
@@ -212,7 +211,7 @@ class Announcement(NamedTuple):
 
     @classmethod
     def decode(cls, data: bytes, gid_bytes: int = GID_BYTES) -> Announcement | None:
-        """Decode CDR; None for other data, such as ids of the other length."""
+        """Decode CDR; return None for other data, such as ids of the other length."""
         body, position = data[4:], 0
 
         def take(length: int) -> bytes:
@@ -245,7 +244,7 @@ class Announcement(NamedTuple):
 
         try:
             announced = cls(guid(), tuple([node() for _ in range(count())]))
-        except ValueError:  # UnicodeDecodeError is one.
+        except ValueError:  # UnicodeDecodeError is a ValueError.
             return None
         good = data[:2] == ENCAPSULATION[:2] and len(body) - position <= 3
         return announced if good else None
@@ -255,7 +254,7 @@ class Announcement(NamedTuple):
 
 
 class Endpoint(NamedTuple):
-    """A reader or writer, as reported by DDS's own discovery."""
+    """Reader or writer discovered by DDS."""
 
     guid: bytes
     participant: bytes
@@ -263,18 +262,18 @@ class Endpoint(NamedTuple):
     writes: bool
     topic: str
     type_name: str
-    """DDS's."""
+    """DDS's type name."""
     handle: int = 0
     """`publication_handle` of this writer's samples."""
     reliable: bool = True
     transient_local: bool = False
     user: bytes = b""
     described: bool = False
-    """Whether it is published with a description of its type."""
+    """True if it is published with a description of its type."""
 
     @property
     def ros(self) -> DdsName | None:
-        """ROS 2's meaning of its topic."""
+        """ROS 2's interpretation of its topic."""
         return ros_name(self.topic, self.type_name)
 
     @property
@@ -283,18 +282,19 @@ class Endpoint(NamedTuple):
         return vendor(self.guid)
 
     def property_of(self, key: str) -> str:
-        """A value of its user data: "serviceid", "clientid", "typehash"; empty: it has none."""
+        """Return a value of its user data: "serviceid", "clientid", "typehash"; empty if it has
+        none."""
         return parsed_user_data(self.user).get(key, "")
 
     def belongs(self, other: Endpoint, key: str) -> bool:
-        """Whether another endpoint is of the same server ("serviceid") or client ("clientid"). An
-        endpoint without user data may be: Cyclone DDS sometimes tells of one without."""
+        """Return True if another endpoint has the same server ("serviceid") or client ("clientid").
+        An endpoint without user data may have: Cyclone DDS sometimes reports one without."""
         own, others = self.property_of(key), other.property_of(key)
         return other.participant == self.participant and (own == others or not own or not others)
 
 
 class DdsGraph:
-    """All endpoints and nodes of a domain. Endpoints may come twice."""
+    """All endpoints and nodes of a domain. Endpoints may be added twice."""
 
     def __init__(self) -> None:
         self._endpoints: dict[bytes, Endpoint] = {}
@@ -306,14 +306,14 @@ class DdsGraph:
         """Node names by endpoints."""
 
     def add(self, endpoint: Endpoint) -> None:
-        """An endpoint is there, or has changed."""
+        """Add or update an endpoint."""
         self._endpoints[endpoint.guid] = self._handles[endpoint.handle] = endpoint
         ros = endpoint.ros
         if ros is not None:
             self._ros.setdefault((ros.prefix, ros.name), {})[endpoint.guid] = endpoint
 
     def remove(self, guid: bytes) -> Endpoint | None:
-        """Remove an endpoint that is gone, and return it."""
+        """Remove an endpoint, and return it."""
         endpoint = self._endpoints.pop(guid, None)
         if endpoint is None:
             return None
@@ -327,7 +327,7 @@ class DdsGraph:
         return endpoint
 
     def announce(self, announcement: Announcement) -> None:
-        """A participant has told which nodes it has."""
+        """Record the announcement of a participant's nodes."""
         self.forget(announcement.participant)
         self._announced[announcement.participant] = announcement
         for node in announcement.nodes:
@@ -335,24 +335,24 @@ class DdsGraph:
                 self._nodes[guid] = node.name
 
     def forget(self, participant: bytes) -> None:
-        """A participant is gone, and the nodes that it announced."""
+        """Remove a participant, and the nodes that it announced."""
         announcement = self._announced.pop(participant, None)
         for node in () if announcement is None else announcement.nodes:
             for guid in (*node.readers, *node.writers):
                 self._nodes.pop(guid, None)
 
     def by_handle(self, handle: int) -> Endpoint | None:
-        """The endpoint with this instance handle."""
+        """Return the endpoint with this instance handle."""
         return self._handles.get(handle)
 
     def nodes(self) -> list[str]:
-        """Full names of all nodes that are announced, sorted."""
+        """Return the full names of all announced nodes, sorted."""
         return sorted(
             {node.name for announcement in self._announced.values() for node in announcement.nodes}
         )
 
     def having_node(self, name: str) -> list[bytes]:
-        """GUIDs of the participants that have announced a node of this full name."""
+        """Return the GUIDs of the participants that have announced a node of this full name."""
         return [
             guid
             for guid, announcement in self._announced.items()
@@ -360,16 +360,16 @@ class DdsGraph:
         ]
 
     def node_of(self, endpoint: Endpoint) -> str:
-        """Full name of the node that has an endpoint."""
+        """Return the full name of the node that has an endpoint."""
         return self._nodes.get(endpoint.guid, BARE_NODE)
 
     def having(self, prefix: str, name: str, writes: bool) -> list[Endpoint]:
-        """The writers, or the readers, of a ROS name."""
+        """Return the writers, or the readers, of a ROS name."""
         there = self._ros.get((prefix, name), {})
         return [each for each in there.values() if each.writes is writes]
 
     def participants(self) -> set[bytes]:
-        """GUIDs of the participants that have endpoints."""
+        """Return the GUIDs of the participants that have endpoints."""
         return {each.participant for each in self._endpoints.values()}
 
     def names(self, prefix: str) -> list[str]:

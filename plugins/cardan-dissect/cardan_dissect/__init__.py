@@ -1,15 +1,14 @@
 """Reads captures line by line: EGM and the joint stream on UDP, simple message (MotoROS) and RTDE
 (Universal Robots) on TCP, 3Dconnexion reports on USB.
 
-The values printed of a message are those of its codec in :mod:`cardan.protocols`. The protocols
-are declared in :mod:`cardan_dissect.dissectors`; other packages add theirs by an entry point, see
+The printed values of a message are those of its codec in :mod:`cardan.protocols`. The protocols are
+declared in :mod:`cardan_dissect.dissectors`; other packages add protocols by an entry point, see
 :class:`cardan_dissect.reader.Dissector`.
 
 scapy layers, for building datagrams as well, are in :mod:`cardan_dissect.egm`,
-:mod:`cardan_dissect.joint_stream`, :mod:`cardan_dissect.simple_message`,
-:mod:`cardan_dissect.rtde` and :mod:`cardan_dissect.connexion`. They
-need the optional extra ``cardan[dissect]``, and are written from the protocols' documentation and
-not from the codecs, which they are held against.
+:mod:`cardan_dissect.joint_stream`, :mod:`cardan_dissect.simple_message`, :mod:`cardan_dissect.rtde`
+and :mod:`cardan_dissect.connexion`. They need the optional extra ``cardan[dissect]``, and are
+written from the protocols' documentation, independent of the codecs, for cross-checks.
 """
 
 from __future__ import annotations
@@ -40,20 +39,20 @@ __all__ = [
 
 
 MOST_FIGURES = 4096
-"""Most senders and receivers with figures of their own."""
+"""Most senders and receivers with separate figures."""
 MOST_OTHERS = 4096
-"""Most kinds of other packets that are counted apart."""
+"""Most kinds of other packets that are counted separately."""
 COPY_NS = 20_000_000
-"""Within this time a datagram passes from one interface of a computer to another: a bridge, a
+"""Longest time that a datagram takes from one interface of a computer to another: a bridge, a
 container."""
 MOST_REPORTED = 10
-"""Files that are not read and that are named."""
+"""Most unread files that are named."""
 PROGRESS_PACKETS = 4096
 """Packets between two reports of the progress."""
 
 
 class Counts(NamedTuple):
-    """Contents of a capture. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
+    """Contents of a capture. `messages` and `malformed` count by protocol: "EGM", "3Dconnexion",
     "joint stream", "simple message", "RTDE"; and by those of plug-ins."""
 
     packets: int
@@ -75,20 +74,19 @@ def dissect_file(
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
     Linux usbmon, or of a link that a plug-in reads; a btsnoop log of Bluetooth; a log of a CAN bus,
-    of candump or (with python-can) .asc or .blf; a pipe of such, "-" for standard input; or
-    several of them, which are read one after the other as one capture: none is, where one of them
-    is missing. Packets that passed two interfaces are counted once. The summary says which protocol
-    the flows look like that were not read. `progress` is called now and then with the number of
-    packets read and the share of the file (None: not known). Reading stops at the packet that
-    reaches `limit` datagrams, reports, frames and messages. `summary` leaves the lines out.
-    `numbers` are where protocols are looked for besides the usual places, by the keys of their
-    dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
-    `simple_message_ports` TCP ports of a controller besides SIMPLE_MESSAGE_PORTS, `rtde_ports` such
-    of Universal Robots besides RTDE_PORTS. The joint stream is found on its port and, by its mark,
-    on any other. Malformed datagrams and messages are shown and counted.
-    Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
-    everything before the damage was written), ConfigurationError for an option that no dissector
-    has and for a number out of its range.
+    of candump or (with python-can) .asc or .blf; a pipe of such, "-" for standard input; or several
+    of them, which are read in sequence as one capture, but not if one of them is missing. Packets
+    that passed two interfaces are counted once. The summary has the likely protocol of flows that
+    were not read. `progress` is called periodically with the number of packets read and the share
+    of the file (None: unknown). Reading stops at the packet that reaches `limit` datagrams,
+    reports, frames and messages. `summary` omits the lines. `numbers` has additional ports of
+    protocols, by the keys of their dissectors' options: `egm_ports` are UDP ports a PC listens at
+    besides EGM_PORTS, `simple_message_ports` TCP ports of a controller besides
+    SIMPLE_MESSAGE_PORTS, `rtde_ports` such of Universal Robots besides RTDE_PORTS. The joint stream
+    is recognized on its port and, by its mark, on any other. Malformed datagrams and messages are
+    shown and counted. Raises CaptureError when the file is missing, not a capture, damaged or
+    truncated (after everything before the damage was written), ConfigurationError for an option
+    that no dissector has and for a number out of its range.
     """
     capture = CaptureReader(registry.dissectors(), numbers)
     paths = [path] if isinstance(path, str | os.PathLike) else path
@@ -123,7 +121,7 @@ def dissect_file(
                 taken = dissector.packets - before
                 if taken:
                     if taken > 1:
-                        # Earlier packets too, as it knows now what they are.
+                        # Earlier packets too, because their type is known now.
                         capture.others[str(parsed)] -= taken - 1
                     break
             else:
@@ -149,7 +147,7 @@ def dissect_file(
 
 
 def _look(paths: Iterable[str | os.PathLike[str]]) -> None:
-    """Raise CaptureError with the fault of each file that is not read."""
+    """Raise CaptureError with the fault of each file that cannot be read."""
     wrong = []
     for path in paths:
         try:
@@ -181,21 +179,21 @@ class CaptureReader:
         self.hints = Hints()
         self._figures: dict[tuple[Dissector, str], Figures] = {}
         self.lost = 0
-        """Packets that the capturing programs say they lost."""
+        """Packets lost according to the capturing programs."""
         self.cut: Counter[int] = Counter()
-        """How many packets the capture cut, by the bytes that it kept of them."""
+        """Number of packets that the capture cut, by the number of bytes kept."""
         self._copies = 0
         self._late: list[str] = []
-        """Files that begin before the one before them ends."""
+        """Files that begin before the end of the previous one."""
         self._seen: OrderedDict[Segment, tuple[int, Counter[int]]] = OrderedDict()
-        """Of recent packets: their time, and how often each came on each interface."""
+        """Recent packets: their time, and their count on each interface."""
 
     def read(
         self,
         paths: Iterable[str | os.PathLike[str]],
         progress: Callable[[int, float | None], None],
     ) -> Iterator[CapturedPacket]:
-        """The packets of the files, one after the other."""
+        """Yield the packets of the files in sequence."""
         last_ns = 0
         for path in paths:
             file = Capture(path, self.packets + 1)
@@ -213,7 +211,7 @@ class CaptureReader:
             self.lost += file.lost
 
     def is_copy(self, packet: CapturedPacket, parsed: Segment | str) -> bool:
-        """Whether a packet's content was seen on another interface just before."""
+        """Return True if a packet's content was seen on another interface just before."""
         interface = network.interface(packet)
         if interface is None or isinstance(parsed, str):
             return False
@@ -233,7 +231,7 @@ class CaptureReader:
         return True
 
     def offered(self, link_type: int) -> list[Dissector]:
-        """The dissectors for packets of this link type, in their order."""
+        """Return the dissectors for packets of this link type, in their order."""
         if link_type not in self._offered:
             found = [kind for kind in self._kinds if link_type in kind.link_types]
             for kind in found:
@@ -243,7 +241,7 @@ class CaptureReader:
         return self._offered[link_type]
 
     def take(self, found: Message | Note, dissector: Dissector) -> tuple[str, ...]:
-        """Count a message; return remarks about it besides its values."""
+        """Count a message; return remarks about it in addition to its values."""
         if isinstance(found, Note):
             return ()
         self.messages += 1
@@ -257,7 +255,7 @@ class CaptureReader:
         return figures.add(found)
 
     def fold(self) -> None:
-        """Keeps the most frequent of the other packets, and the number of the rest."""
+        """Keep the most frequent of the other packets, and the number of the rest."""
         retained = Counter(dict(self.others.most_common(MOST_OTHERS // 2)))
         retained["others"] += self.others.total() - retained.total()
         self.others = retained
@@ -277,7 +275,7 @@ class CaptureReader:
         )
 
     def summary(self, counts: Counts) -> Iterator[str]:
-        """The figures of everything."""
+        """Yield the figures of all messages."""
         for (dissector, where), figures in self._figures.items():
             about = dissector.about(where)
             yield f"{dissector.name} {where}{f': {about}' if about else ''}"
@@ -318,7 +316,7 @@ class CaptureReader:
 
 
 def _line(found: Message | Note, dissector: Dissector, remarks: tuple[str, ...]) -> str:
-    """A message or a note in words."""
+    """Format a message or a note."""
     if isinstance(found, Note):
         return f"{found.where} {found.text}"
     decoded = found.decoded

@@ -1,7 +1,7 @@
-"""The one place that imports scapy, and only the parts the layers need.
+"""Only import of scapy, with the parts that the layers need.
 
-scapy is GPL-2.0 and therefore an optional extra. Importing it can emit deprecation warnings of
-the libraries below it; those are not ours to show.
+scapy is GPL-2.0 and therefore an optional extra. Its import can emit deprecation warnings of other
+libraries, which are suppressed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Packets of btsnoop logs (Android's btsnoop_hci.log, btmon -w) as captures of HCI have them.
+"""Packets of btsnoop logs (Android's btsnoop_hci.log, btmon -w) in the format of HCI captures.
 
 The layout is that of the snoop format (RFC 1761) with other time stamps and flags; the numbers are
 those of BlueZ's btsnoop(7). All values are big-endian.
@@ -19,9 +19,9 @@ H1, H4, MONITOR = 1001, 1002, 2001
 of all adapters."""
 EPOCH_US = 0x00DCDDB30F2F8000
 """Time stamps are microseconds; this is the one of 1970. The format's description counts them from
-the year 0, and gives that of 2000, which is 12 days more than the Gregorian calendar makes it."""
+the year 0, and gives that of 2000, which is 12 days beyond the Gregorian calendar's."""
 RECEIVED, COMMAND_OR_EVENT = 1, 2
-"""Of the flags: the host got it; it is no data."""
+"""Flags: received by the host; not a data packet."""
 LINK_H4_WITH_DIRECTION, LINK_MONITOR = 201, 254
 COMMAND, ACL, SCO, EVENT, ISO = range(1, 6)
 MONITORED = {

@@ -1,7 +1,8 @@
-"""Reads logs of a CAN bus that are no captures: candump's; Vector's .asc and .blf by python-can.
-Frames become what captures of SocketCAN have.
+"""Reads logs of a CAN bus: candump's, and Vector's .asc and .blf by python-can. Frames are
+converted to the format of SocketCAN captures.
 
-candump's are read here, as python-can takes most lines of errors ("bus off") for data frames.
+candump's logs are parsed here, because python-can takes most error lines ("bus off") for data
+frames.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ EXTENDED, REMOTE, ERROR, IDENTIFIER = 0x80000000, 0x40000000, 0x20000000, 0x1FFF
 FD_FRAME = 0x04
 """CANFD_FDF, of the flags of a frame."""
 PADDING_BYTES = 4
-"""Fewer bytes can be missing at the end of a .blf: it is padded."""
+"""Fewer missing bytes at the end of a .blf are possible: it is padded."""
 _HEAD = struct.Struct("!IBB2x")
 _LINE = re.compile(
     r"\((?P<seconds>\d{1,20})\.(?P<fraction>\d{1,9})\)\s+\S+\s+(?P<id>[0-9A-F]{8}|[0-9A-F]{3})#"
@@ -37,7 +38,7 @@ class Logged(NamedTuple):
 
 
 def reader(head: bytes) -> Callable[[BinaryIO], Iterator[Logged]] | None:
-    """Return the reader of a log that begins with these four bytes; None: it is no log.
+    """Return the reader of a log that begins with these four bytes; None: not a log.
 
     The reader raises ValueError that says what is wrong with the log.
     """
@@ -73,7 +74,7 @@ def _asc(stream: BinaryIO) -> Iterator[Logged]:
         raise missing_extra("a log of Vector's", "python-can", "can", error) from error
 
     class Reader(ASCReader):
-        """Begins at 0 where the date is in another language."""
+        """Begins at 0 if the date is in another language."""
 
         @staticmethod
         def _datetime_to_timestamp(datetime_string: str) -> float:
@@ -88,7 +89,7 @@ def _asc(stream: BinaryIO) -> Iterator[Logged]:
         nonlocal read
         for number, line in enumerate(TextIOWrapper(stream, "utf-8", "replace"), 1):
             read = number, line.strip()
-            if not _REQUEST.search(line):  # it comes again once it was sent
+            if not _REQUEST.search(line):  # The log repeats it once it was sent.
                 yield line
 
     try:
@@ -115,7 +116,7 @@ def _blf(stream: BinaryIO) -> Iterator[Logged]:
 
 
 class _Counted:
-    """A stream that knows how much was read of it."""
+    """Stream that counts the bytes read."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream, self.bytes = stream, 0

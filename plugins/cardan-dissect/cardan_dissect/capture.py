@@ -1,5 +1,5 @@
 """Reads pcap and pcapng files, btsnoop logs and logs of a CAN bus, also gzipped and from pipes,
-packet by packet; exact about where a file is cut."""
+packet by packet, with the exact place of a truncation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cardan.errors import CaptureError
 from cardan_dissect import btsnoop, can_log
 
 MAX_BLOCK_BYTES = 256 * 2**20
-"""Twice what libpcap lets a USB capture have; a longer block is a damaged length."""
+"""Twice libpcap's limit for a USB capture; a longer block has a damaged length."""
 MAX_TIME_NS = 2**63
 """In the year 2262."""
 BLOCK_OVERHEAD_BYTES = 12
@@ -47,28 +47,28 @@ UNPACKED_BY = {
     b"BZh": ("bzip2", "bzip2 -dc"),
     b"PK\x03\x04": ("zip", "unzip -p"),
 }
-"""Compressed files that are not read here, by their first bytes, and what unpacks them."""
+"""Compressed files that cannot be read, by their first bytes, and the programs that unpack them."""
 STANDARD_INPUT = "-"
 LINK_CAN = 227
-"""LINKTYPE_CAN_SOCKETCAN, of frames out of a log."""
+"""LINKTYPE_CAN_SOCKETCAN, for frames from a log."""
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, STATISTICS, PACKET = 0x0A0D0D0A, 1, 2, 3, 5, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
 OPTIONS_DROPPED = 5, 7
-"""Of statistics: packets that the interface dropped, and that the system did."""
+"""Options of statistics: packets dropped by the interface and by the system."""
 
 _new = tuple.__new__
 
 
 class Direction(enum.Enum):
-    """Which way something went. The device is the operator's, the robot controller, the simulated
-    arm or the sensor's board; the values are what USB calls the directions."""
+    """Direction of a message. The device is the operator's, the robot controller, the simulated arm
+    or the sensor's board; the values are USB's names of the directions."""
 
     FROM_DEVICE = "IN"
     TO_DEVICE = "OUT"
 
     @property
     def opposite(self) -> Direction:
-        """The way of the answer."""
+        """Direction of the reply."""
         return Direction.TO_DEVICE if self is Direction.FROM_DEVICE else Direction.FROM_DEVICE
 
 
@@ -78,14 +78,14 @@ class CapturedPacket(NamedTuple):
     number: int
     time_ns: int
     link_type: int
-    byte_order: str  # struct's sign for the capturing machine
+    byte_order: str  # struct's sign for the capturing machine.
     data: bytes
-    wire_bytes: int  # how long it was; more than len(data) when the capture cut it
-    interface: int | None = None  # its number in a pcapng file
+    wire_bytes: int  # Original length; more than len(data) if the capture cut it.
+    interface: int | None = None  # Its number in a pcapng file.
 
     @property
     def cut(self) -> bool:
-        """Whether the capture holds less than was sent."""
+        """True if the capture has less than was sent."""
         return self.wire_bytes > len(self.data)
 
 
@@ -97,7 +97,7 @@ class _Interface(NamedTuple):
 
 
 class _Again(io.RawIOBase):
-    """A stream from which `head` was read already. A pipe cannot be wound back."""
+    """Stream from which `head` was read already. A pipe cannot be rewound."""
 
     def __init__(self, head: bytes, stream: BinaryIO) -> None:
         self._head, self._stream = head, cast(io.BufferedReader, stream)
@@ -115,17 +115,17 @@ class _Again(io.RawIOBase):
 
 class Capture:
     """The packets of a file or a pipe, iterated once; "-" is standard input. They are counted from
-    `first` on. CaptureError names the fault of the file."""
+    `first` on. Raises CaptureError with the fault of the file."""
 
     def __init__(self, path: str | os.PathLike[str], first: int = 1) -> None:
         self.path = os.fspath(path)
         self.lost = 0
-        """Packets that the capturing program says it lost, in a pcapng file."""
+        """Packets that were lost according to the capturing program, in a pcapng file."""
         self._count = first - 1
         self._stream: BinaryIO | None = None
         self._bytes: int | None = None
         self._is_capture = False
-        """Known of one that is damaged."""
+        """True for a capture, also a damaged one."""
 
     @property
     def share(self) -> float | None:
@@ -135,8 +135,8 @@ class Capture:
         return min(1.0, self._stream.tell() / self._bytes)
 
     def look(self) -> None:
-        """Raise CaptureError if the file is missing or no capture; a damaged capture passes. Pipes
-        are not checked."""
+        """Raise CaptureError if the file is missing or not a capture; a damaged capture passes.
+        Pipes are not checked."""
         if self.path == STANDARD_INPUT:
             return
         try:
@@ -256,7 +256,7 @@ class Capture:
             data = read(size) if size <= PIECE_BYTES else self._exactly(stream, size)
             if len(data) < size:
                 raise self._damaged(ENDS_INSIDE)
-            time_ns = seconds * 10**9 + units * unit_ns  # never out of range
+            time_ns = seconds * 10**9 + units * unit_ns  # Never out of range.
             self._count += 1
             yield _new(
                 CapturedPacket,
@@ -291,7 +291,7 @@ class Capture:
     def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         order, interfaces, time_ns = "<", list[_Interface](), 0
         lost: dict[int, int] = {}
-        """By interface: the counts run on from block to block."""
+        """By interface: the counts continue from block to block."""
         start = PCAPNG_MAGIC + self._exactly(stream, 4)
         while True:
             if start[:4] == PCAPNG_MAGIC:
@@ -348,13 +348,13 @@ def _interface(order: str, body: bytes) -> _Interface:
 
 
 def _dropped(order: str, body: bytes) -> int:
-    """Return the lost packets by an interface's statistics."""
+    """Return the number of lost packets from an interface's statistics."""
     found = [at for code, at in _options(order, body, 12) if code in OPTIONS_DROPPED]
     return sum(struct.unpack_from(f"{order}Q", body, at)[0] for at in found)
 
 
 def _options(order: str, body: bytes, at: int) -> Iterator[tuple[int, int]]:
-    """The options of a block from `at` on: the code of each, and where its value begins."""
+    """Yield the options of a block from `at` on: the code of each, and the offset of its value."""
     while at + 4 <= len(body):
         code, size = struct.unpack_from(f"{order}HH", body, at)
         if code == OPTION_END:
@@ -366,7 +366,7 @@ def _options(order: str, body: bytes, at: int) -> Iterator[tuple[int, int]]:
 def _packet(
     order: str, kind: int, body: bytes, interfaces: list[_Interface]
 ) -> tuple[int, int | None, bytes, int]:
-    """The interface's number, the time stamp in its units, data and length on the wire of a packet
+    """Return interface number, time stamp in its units, data and length on the wire of a packet
     block."""
     if kind == SIMPLE_PACKET:
         (wire_bytes,) = struct.unpack_from(f"{order}I", body)

@@ -1,4 +1,4 @@
-"""``cardan dissect``, with the options of every dissector there is."""
+"""``cardan dissect``, with the options of all dissectors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 PROGRESS_S = 0.5
-"""How often it is said how far a long capture has been read."""
+"""Period of the progress reports of a long capture."""
 
 
 class Dissect(TyperCommand):
@@ -48,7 +48,7 @@ class Dissect(TyperCommand):
 
 
 def _function(numbers: list[Numbers]) -> Any:
-    """The function that typer makes the command of: options of all captures, and of protocols."""
+    """Return the function for typer's command: options of all captures, and of protocols."""
 
     def dissect(
         files: Annotated[
@@ -86,7 +86,7 @@ def _function(numbers: list[Numbers]) -> Any:
 
 
 class _Progress:
-    """Progress of reading a long capture: a line on a terminal that is overwritten."""
+    """Progress of a long capture: a line on a terminal that is overwritten."""
 
     def __init__(self, shown: bool) -> None:
         self._shown = shown
@@ -94,7 +94,7 @@ class _Progress:
         self._wide = 0
 
     def tell(self, packets: int, share: float | None) -> None:
-        """Show how many packets were read, and the share of the file."""
+        """Show the number of packets read, and the share of the file."""
         if not self._shown or time.monotonic() < self._due_s:
             return
         self._due_s = time.monotonic() + PROGRESS_S
@@ -103,7 +103,7 @@ class _Progress:
         self._wide = len(line)
 
     def clear(self) -> None:
-        """Take the line away."""
+        """Clear the line."""
         if self._wide:
             print(f"\r{' ' * self._wide}\r", end="", file=sys.stderr, flush=True)
 

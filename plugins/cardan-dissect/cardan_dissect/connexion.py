@@ -3,7 +3,7 @@
 Counts are raw: +X right, +Y towards the user, +Z down, rotations right-handed about them, full
 scale nominally 350. All values are little-endian. Written from public descriptors and captures
 (SpaceNavigator 217-byte report descriptor; Wireless, Pro and Enterprise reports), independent of
-Cardan's codec, so that each can be checked against the other.
+Cardan's codec, for cross-checks.
 
 `ConnexionInput(report)`, `ConnexionOutput(report)` and `ConnexionFeature(report)` dissect to the
 layer of the report, to UnknownReport for another id, or to BrokenReport when bytes are missing;
@@ -55,7 +55,7 @@ V3DK = {
 
 
 class TranslationReport(Report):
-    """Devices that send translation and rotation apart."""
+    """Report of devices that send translation and rotation separately."""
 
     fields_desc = [XByteField("id", 0x01), *(LESignedShortField(n, 0) for n in ("x", "y", "z"))]
     least_bytes = SPLIT_BYTES
@@ -69,7 +69,7 @@ class RotationReport(Report):
 
 
 class MotionReport(Report):
-    """Devices that send all six axes in one."""
+    """Report of devices that send all six axes together."""
 
     fields_desc = [
         XByteField("id", 0x01),
@@ -79,7 +79,7 @@ class MotionReport(Report):
 
 
 class ButtonReport(Report):
-    """Every button, low bit first, as many bytes as the device sends."""
+    """All buttons, low bit first, in as many bytes as the device sends."""
 
     fields_desc = [XByteField("id", 0x03), StrField("bits", b"\0\0")]
     least_bytes = 2
@@ -120,13 +120,13 @@ def _keys(report_id: int) -> list[Any]:
 
 
 class KeysReport(Report):
-    """Keys by number, in slots of which 0 is a free one."""
+    """Keys by number, in slots; 0 is a free one."""
 
     least_bytes = ONE_BYTES
 
     @property
     def codes(self) -> tuple[int, ...]:
-        """The key numbers in the slots that are not free."""
+        """Key numbers in the slots that are not free."""
         return tuple(code for code in self.slots if code)
 
 
@@ -146,7 +146,7 @@ class LedReport(Report):
 
 
 class CalibrateReport(Report):
-    """To the device, a feature report: 0 sets the present deflection as the new rest position."""
+    """Feature report to the device: 0 sets the present deflection as the new rest position."""
 
     fields_desc = [XByteField("id", 0x07), ByteField("value", 0)]
     least_bytes = 2
@@ -163,7 +163,7 @@ _INPUTS: dict[int, type[Report]] = {
 
 
 class ConnexionInput(Packet):
-    """A report from the device. Report 1 is told apart by its length, 7 bytes or at least 13."""
+    """Report from the device. The length identifies report 1's kind: 7 bytes or at least 13."""
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:

@@ -1,11 +1,11 @@
-"""scapy layers of ABB Externally Guided Motion, names and units as the protocol has them.
+"""scapy layers of ABB Externally Guided Motion, with the protocol's names and units.
 
-Lengths are mm, angles degrees, quaternions u0..u3 = w, x, y, z, `tm` and `age` ms. Written from
-the message tables of the application manual "Externally Guided Motion" (3HAC073318-001, RW 7.16;
-3HAC073319-001, RW 6) and the public message schema, independent of Cardan's codec, so that each can
-be checked against the other.
+Lengths are mm, angles degrees, quaternions u0..u3 = w, x, y, z, `tm` and `age` ms. Written from the
+message tables of the application manual "Externally Guided Motion" (3HAC073318-001, RW 7.16;
+3HAC073319-001, RW 6) and the public message schema, independent of Cardan's codec, for
+cross-checks.
 
-A datagram is one protobuf message over UDP. Towards the PC's port it is an EgmRobot, from it an
+A datagram is one protobuf message over UDP. To the PC's port it is an EgmRobot, from it an
 EgmSensor or an EgmSensorPathCorr; :class:`EgmFromPc` chooses between those two.
 """
 
@@ -48,7 +48,7 @@ MAX_DATAGRAM_BYTES = 1113
 """The largest EgmRobot of RobotWare 7: every optional field, six external axes, 40 dnum."""
 MAX_DNUM = 40
 QUATERNION_NORM_TOLERANCE = 1e-3
-"""Larger than the error of rounding to a few digits."""
+"""Larger than the rounding error of a few digits."""
 
 
 class EgmHeader(ProtoMessage):
@@ -93,7 +93,7 @@ class EgmJoints(ProtoMessage):
 
 
 class EgmExternalJoints(ProtoMessage):
-    """Declared by the schema, used by no other message."""
+    """Declared in the schema, used by no other message."""
 
     fields_desc = [Doubles("joints", 1), *TAIL]
 
@@ -101,7 +101,8 @@ class EgmExternalJoints(ProtoMessage):
 class _TimeIsAField:
     """Hides the capture time scapy gives every packet behind the field of that name.
 
-    A base of its own: scapy takes an attribute beside fields_desc for the field's default.
+    A separate base class, because scapy takes an attribute next to fields_desc for the field's
+    default.
     """
 
     @property
@@ -110,7 +111,7 @@ class _TimeIsAField:
 
     @time.setter
     def time(self: Any, value: Any) -> None:
-        # scapy sets its floats on new packets, and on a copy what the getter gave.
+        # scapy sets its floats on new packets, and the getter's value on a copy.
         if not isinstance(value, float | EDecimal) and value != self.time:
             self.setfieldval("time", value)
 
@@ -184,7 +185,7 @@ class EgmRAPIDdata(ProtoMessage):
 
 
 def _tolerant(data: bytes) -> list[Any]:
-    """The items of `data` up to where it stops being protobuf."""
+    """Return the items of `data` up to the first byte that is not protobuf."""
     items = []
     try:
         for item in scan(data):
@@ -195,7 +196,7 @@ def _tolerant(data: bytes) -> list[Any]:
 
 
 def _force_layout(data: bytes) -> Packet:
-    """RobotWare 6 has the values in field 1, where RobotWare 7 has a varint."""
+    """Choose the layout: RobotWare 6 has the values in field 1, where RobotWare 7 has a varint."""
     first = next((item for item in _tolerant(data) if item.number == 1), None)
     old = first is not None and first.wire_type != VARINT
     return EgmMeasuredForceRW6(data) if old else EgmMeasuredForce(data)
@@ -245,13 +246,13 @@ EXPECTED_MTYPE = {EgmRobot: DATA, EgmSensor: CORRECTION, EgmSensorPathCorr: PATH
 
 
 def symbol(message: ProtoMessage, name: str) -> str | None:
-    """The schema's name of an enum's value, None when it is absent."""
+    """Return the schema's name of an enum's value, None if it is absent."""
     value, field = message.getfieldval(name), message.get_field(name)
     return field.symbol(value) if isinstance(field, Enum) and value is not None else None
 
 
 def message_type(data: bytes) -> int:
-    """header.mtype of a datagram, 0 where there is none."""
+    """Return header.mtype of a datagram, 0 if absent."""
     content = b"".join(i.value for i in _tolerant(data) if (i.number, i.wire_type) == (1, 2))
     return (EgmHeader(content).mtype or 0) if content else 0
 
@@ -275,7 +276,7 @@ class EgmFromPc(ProtoMessage):
 
 
 def malformed(message: ProtoMessage) -> str | None:
-    """Why a dissected datagram is not an EGM message, None when it is one."""
+    """Return why a dissected datagram is not an EGM message; None if it is."""
     if not message.original:
         return "empty datagram"
     reason = next(faults(message), None)
@@ -285,7 +286,7 @@ def malformed(message: ProtoMessage) -> str | None:
 
 
 def remarks(message: ProtoMessage) -> Iterator[str]:
-    """Yield readable values that the protocol does not allow or a controller may refuse."""
+    """Yield readable values that the protocol forbids or a controller may refuse."""
     if len(message.original) > MAX_DATAGRAM_BYTES:
         yield f"larger than {MAX_DATAGRAM_BYTES} bytes"
     if message.header is None:

@@ -12,13 +12,14 @@ from cardan_dissect.reader import Message
 MODULUS = 2**32
 HALF = MODULUS // 2
 RESTART_JUMP = 2**16
-"""A number this far ahead is of another session, not loss: over four minutes at 250 Hz."""
+"""A number this far ahead belongs to another session and is not loss: over four minutes at 250
+Hz."""
 REMEMBERED = 1024
-"""Numbers remembered to tell duplicates and late ones; four seconds at 250 Hz."""
+"""Numbers remembered to detect duplicates and late ones; four seconds at 250 Hz."""
 PENDING = 256
-"""Messages that an answer is looked for among: one second at 250 Hz."""
+"""Messages searched for the request of an answer: one second at 250 Hz."""
 MOST_TEXTS = 64
-"""Different texts that are counted each; further texts are counted together."""
+"""Most different texts that are counted separately; further ones are counted together."""
 OTHERS = "others"
 
 
@@ -44,7 +45,7 @@ class Intervals:
             self._min_ns = interval
 
     def pause(self) -> None:
-        """The next interval is not one."""
+        """Exclude the next interval."""
         self._last_ns = None
 
     def __str__(self) -> str:
@@ -56,7 +57,7 @@ class Intervals:
 
 
 class Sequence:
-    """Tells loss, duplicates, reordering and restarts from sequence numbers modulo 2**32."""
+    """Detects loss, duplicates, reordering and restarts by sequence numbers modulo 2**32."""
 
     def __init__(self) -> None:
         self.duplicates = self.repeated = self.late = self.restarts = 0
@@ -119,7 +120,7 @@ class Sequence:
 
     @property
     def lost(self) -> int:
-        """Datagrams that never came, by the usual step."""
+        """Number of datagrams that never arrived, by the usual step."""
         skipped = sum(max(0, step // self.step - 1) * n for step, n in self._steps.items())
         return max(0, skipped - self._recovered)
 
@@ -132,22 +133,22 @@ class Sequence:
 
 
 def milliseconds(duration_ns: float) -> str:
-    """A duration with three digits after the point, without unit."""
+    """Format a duration with three digits after the point, without unit."""
     return f"{duration_ns / 1e6:.3f}"
 
 
 def tally(counter: Counter[str]) -> str:
-    """Texts and how often each was seen, the most frequent first."""
+    """Format texts and their counts, the most frequent first."""
     return ", ".join(f"{text} x{count}" for text, count in counter.most_common())
 
 
 def bounded(counted: Mapping[str, object], text: str) -> str:
-    """`text`, or others: a damaged capture has a new text in every message."""
+    """Return `text`, or others: a damaged capture has a new text in every message."""
     return text if text in counted or len(counted) < MOST_TEXTS else OTHERS
 
 
 def count(counter: Counter[str], text: str) -> None:
-    """Count `text`, under itself or as one of the others."""
+    """Count `text`, separately or with the others."""
     counter[bounded(counter, text)] += 1
 
 
@@ -174,9 +175,9 @@ class Figures:
         self._remarks: Counter[str] = Counter()
         self._answers = LatencyHistogram()
         self._asked_ns: dict[int, int] = {}
-        """When messages came that were not answered yet."""
+        """Arrival times of unanswered messages."""
         self._newest_ns: int | None = None
-        """When the newest of them came."""
+        """Arrival time of the newest of them."""
 
     def add(self, message: Message) -> tuple[str, ...]:
         """Add a message; return remarks about it."""

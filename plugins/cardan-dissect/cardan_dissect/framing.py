@@ -1,4 +1,5 @@
-"""Protocols whose messages follow each other on TCP: streams put in order and cut into messages."""
+"""Protocols with consecutive messages on TCP: reassembly of streams, and splitting into
+messages."""
 
 from __future__ import annotations
 
@@ -12,48 +13,49 @@ from cardan_dissect.network import TCP_ACK, TCP_SYN, Segment
 from cardan_dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
 
 MOST_FLOWS = 1024
-"""Flows that are followed at once; a further flow ends the one that was silent the longest."""
+"""Most flows that are followed at once; a further one ends the flow with the longest silence."""
 
 MOST_ABOUT = 4 * MOST_FLOWS
-"""Directions of which the figures of the stream are kept."""
+"""Most directions with figures of the stream."""
 
 
 class Measured(NamedTuple):
-    """Length of a message by its first bytes."""
+    """Length of a message from its first bytes."""
 
     size: int | None
-    """None: they are no message's."""
+    """None: they are not a message's."""
     reason: str = ""
-    """Why they are not, or why it is not if it is not all there; empty: the rest may come."""
+    """Reason why they are not, or why it is not one if it is incomplete; empty: the rest may
+    follow."""
 
 
 class Conversation(ABC):
     """Message format between a port of a device and a client, in both directions.
 
-    A protocol's class says how its messages begin, how long they are, and what is in them.
+    A protocol's class recognizes the beginning and length of its messages, and decodes them.
     """
 
     head_bytes: ClassVar[int]
-    """Bytes of a message that tell its length."""
+    """Bytes of a message that determine its length."""
 
     @abstractmethod
     def begins(self, data: bytes) -> bool:
-        """Whether `data`, a head or more, looks like the beginning of a message."""
+        """Return True if `data`, a head or more, looks like the beginning of a message."""
 
     @abstractmethod
     def measure(self, data: bytearray) -> Measured:
-        """The length of the message that `data`, a head or more, begins with."""
+        """Return the length of the message at the beginning of `data`, a head or more."""
 
     @abstractmethod
     def decode(self, data: bytes, direction: Direction) -> Decoded:
         """Decode a whole message."""
 
     def restart(self) -> None:  # noqa: B027 - few remember anything
-        """A connection begins."""
+        """Reset at the beginning of a connection."""
 
 
 class _Stream:
-    """One direction of a connection: bytes in order, cut into messages."""
+    """One direction of a connection: bytes in order, split into messages."""
 
     def __init__(self, conversation: Conversation, direction: Direction) -> None:
         self.tcp = tcp.TcpStream()
@@ -63,9 +65,9 @@ class _Stream:
         self._buffer = bytearray()
         self._synchronized = False
         self._early = b""
-        """Too few bytes to tell whether a message begins with them."""
+        """Too few bytes to recognize the beginning of a message."""
         self._passed_over = 0
-        """Bytes to come of a message of which the capture lacks a part."""
+        """Remaining bytes of a message of which the capture lacks a part."""
 
     def take(self, event: tcp.Event) -> Iterator[str | tuple[bytes, Decoded]]:
         """Yield the notes and messages, with their bytes, that an event completes."""
@@ -90,9 +92,9 @@ class _Stream:
             self._conversation.restart()
 
     def _lack(self, size: int) -> Iterator[str | tuple[bytes, Decoded]]:
-        """The next `size` bytes are not in the capture. The message that they are of is shown as
-        cut; where its length is known, and no more than its own bytes are missing, the next one
-        begins where it ends."""
+        """Handle `size` bytes that are missing in the capture. Their message is shown as cut; if
+        its length is known, and no more than its own bytes are missing, the next one begins at its
+        end."""
         yield from self._skip_early()
         known = min(size, self._passed_over)
         size -= known
@@ -110,7 +112,7 @@ class _Stream:
         self._passed_over = max(0, left - size) if self._synchronized else 0
 
     def _cut(self, payload: bytes) -> Iterator[str | tuple[bytes, Decoded]]:
-        """The next bytes of the stream; the messages they end."""
+        """Yield the messages that the next bytes of the stream complete."""
         head_bytes = self._conversation.head_bytes
         if self._passed_over:
             known = min(len(payload), self._passed_over)
@@ -169,7 +171,7 @@ class _Stream:
 
 
 class _Flow:
-    """Both directions, and the packets without a byte before the first with one; None after it."""
+    """Both directions, and the packets without bytes before the first with one; None after it."""
 
     def __init__(self, conversation: Conversation) -> None:
         self.streams = {each: _Stream(conversation, each) for each in Direction}
@@ -222,7 +224,7 @@ class StreamDissector(Dissector):
                 yield from self._end(self._last, key, flow)
 
     def _end(self, packet: CapturedPacket, key: str, flow: _Flow) -> Found:
-        """A flow is followed no more."""
+        """End a flow, which is followed no more."""
         for direction, stream in flow.streams.items():
             for event in stream.tcp.flush():
                 yield from self._read(packet, key, flow, direction, event)
@@ -252,10 +254,10 @@ class StreamDissector(Dissector):
         return self._about.get(where, "")
 
     def _direction(self, segment: Segment) -> Direction | None:
-        """None when the segment is to or from no device."""
+        """Return the direction; None if the segment is not to or from a device."""
         ports = self.numbers[self.options[0].key]
         from_port, to_port = segment.source.port in ports, segment.destination.port in ports
-        if from_port and to_port:  # the client's port happens to be one of ours
+        if from_port and to_port:  # The client's port happens to be one of the device's.
             for direction in Direction:
                 if _key(segment, direction) in self._flows:
                     return direction

@@ -1,5 +1,5 @@
-"""Says of flows that no dissector read which protocol they look like: the first packets of each are
-read on trial, with the port of either end given as the option of every dissector in turn."""
+"""Likely protocols of flows that no dissector read: the first packets of each are tried with the
+port of either end as the option of every dissector in turn."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from cardan_dissect.network import TCP_ACK, TCP_SYN, Endpoint, Segment
 from cardan_dissect.reader import CUT, Dissector, Message
 
 MOST_FLOWS = 256
-"""Flows that are looked at."""
+"""Most flows that are examined."""
 FLOW_PACKETS, FLOW_BYTES = 24, 16_384
-"""So much of the beginning of a flow is looked at."""
+"""Most packets and bytes examined at the beginning of a flow."""
 LEAST_MESSAGES = 2
-"""A single message may be readable by chance."""
+"""Fewest messages: a single one may be readable by chance."""
 
 
 class _FlowHints(NamedTuple):
@@ -26,13 +26,13 @@ class _FlowHints(NamedTuple):
 
 
 class Hints:
-    """The flows of a capture that nothing read."""
+    """Flows of a capture that no dissector read."""
 
     def __init__(self) -> None:
         self._flows: dict[tuple[str, Endpoint, Endpoint], _FlowHints] = {}
 
     def add(self, packet: CapturedPacket, segment: Segment) -> None:
-        """A packet that no dissector took."""
+        """Add a packet that no dissector took."""
         if not segment.payload and segment.flags & (TCP_SYN | TCP_ACK) != TCP_SYN:
             return
         low, high = sorted((segment.source, segment.destination))
@@ -47,14 +47,14 @@ class Hints:
             seen.sizes.append(len(segment.payload))
 
     def flows(self) -> Iterator[str]:
-        """Each of them, as it was first seen."""
+        """Yield all flows, in the order of their first packet."""
         for (protocol, *_), seen in self._flows.items():
             first = seen.packets[0][1]
             yield f"{protocol} {first.source} > {first.destination}"
 
     def lines(self, kinds: Iterable[type[Dissector]], option: str = "") -> Iterator[str]:
         """Yield advice for reading the flows: a line for each port that needs an option. `option`
-        replaces the dissector's own, and has the port behind it."""
+        replaces the dissector's own, and is followed by the port."""
         kinds = [kind for kind in kinds if kind.recognized is not Dissector.recognized]
         more: dict[str, list[str]] = {}
         for (_, *ends), seen in self._flows.items():

@@ -1,12 +1,12 @@
 """scapy layers of the joint stream, the protocol of the simulated arm.
 
 Positions are rad, speeds rad/s, torques N·m (m, m/s, N for a prismatic joint), stamps s, everything
-little-endian. Written from the protocol's page (docs/simulated-peers.md), independent of
-Cardan's codec, so that each can be checked against the other.
+little-endian. Written from the protocol's page (docs/simulated-peers.md), independent of Cardan's
+codec, for cross-checks.
 
 `JointStream(data)` dissects a datagram to JointStreamState, to JointStreamCommand, or to
-JointStreamBroken where its length or its header is neither's; it never raises. Building counts the
-joints and the bytes of the reason where they are not given; a hold has nothing to count.
+JointStreamBroken if its length or its header is neither's; it never raises. Building fills in
+missing numbers of joints and of the reason's bytes; a hold has none.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class DoublesField(Field[Any, Any]):
 
 
 class JointCountField(ByteField):
-    """u8; when it is not given, as many as the first list of the body has values."""
+    """u8; default: number of values in the first list of the body."""
 
     def i2m(self, pkt: Any, x: Any) -> int:
         if x is None:
@@ -117,7 +117,7 @@ def _in_modes_with(name: str) -> ConditionalField:
 
 
 class JointStream(Block):
-    """A datagram of either way; dissects to the layer of its kind."""
+    """Datagram of either direction; dissects to the layer of its kind."""
 
     name = "joint stream"
 
@@ -163,7 +163,7 @@ class JointStreamCommand(JointStream):
 
 
 class JointStreamBroken(JointStream):
-    """Bytes that are neither; `reason` says why."""
+    """Bytes that are neither, with the `reason`."""
 
     fields_desc = [StrField("data", b"")]
 
@@ -174,7 +174,7 @@ class JointStreamBroken(JointStream):
 
 
 def _broken(data: bytes) -> str | None:
-    """Why `data` has no layout, None when it has one. Few different texts, to be counted."""
+    """Return why `data` has no layout; None if it has one. Few different texts, for counting."""
     if not data:
         return "empty datagram"
     if not data.startswith(MAGIC):
@@ -202,7 +202,7 @@ def _broken(data: bytes) -> str | None:
 
 
 def malformed(layer: Packet) -> str | None:
-    """Why a dissected datagram is not one of the joint stream, None when it is."""
+    """Return why a dissected datagram is not one of the joint stream; None if it is."""
     if isinstance(layer, JointStreamBroken):
         return layer.reason
     return next(_wrong_values(layer), None)
@@ -212,7 +212,7 @@ def _wrong_values(layer: Packet) -> Iterator[str]:
     for field in layer.fields_desc:
         if not isinstance(layer.getfieldval(field.name), float | list):
             continue
-        value = getattr(layer, field.name)  # None where a command's mode has no such field
+        value = getattr(layer, field.name)  # None if a command's mode has no such field.
         values = value if isinstance(value, list) else () if value is None else (value,)
         if not all(map(math.isfinite, values)):
             yield f"{field.name} not finite"

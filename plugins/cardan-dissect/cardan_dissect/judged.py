@@ -1,8 +1,8 @@
-"""Timeline of a capture, as judged by `cardan conform --capture`.
+"""Timeline of a capture for `cardan conform --capture`.
 
-The judged side, or its client, has the port that the suite's protocol is known for. Packets are
-told apart by address and port, reports of devices by their dissector. A connection is not judged
-after the first of its bytes that are missing; if its beginning is missing, no failure is judged.
+The tested side, or its client, has the well-known port of the suite's protocol. Packets are
+assigned by address and port, reports of devices by their dissector. A connection is not judged
+after its first missing byte; if its beginning is missing, no failure is reported.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ from cardan_dissect.network import TCP_ACK, TCP_FIN, TCP_RST, TCP_SYN, Endpoint,
 from cardan_dissect.reader import CUT, Dissector, Found, Message
 
 PATIENCE_S = 15.0
-"""A request that the end of the capture left open for a shorter time was perhaps answered."""
+"""A request that was open for a shorter time at the end of the capture may have been answered."""
 BEGINNING_S = 0.5
-"""Traffic that began before a capture of datagrams shows within this time."""
+"""Traffic that began before a capture of datagrams appears within this time."""
 LACKS_BEGINNING = "the capture lacks the beginning of a connection"
 LACKS_BYTES = "the capture lacks bytes of a connection"
 STRAY_DATAGRAMS = 16
-"""A client that sent fewer, and got no answer, is a stray beside another client."""
+"""A client that sent fewer, and got no answer, is a stray next to another client."""
 MOST_REPORTED = 10
-"""Flows that are named where none is the protocol's, and hosts of strays."""
+"""Most flows that are named if none is the protocol's, and most hosts of strays."""
 
 
 _REPORTS_OF = re.compile(r"(?P<device>.*) (?:endpoint \d+|control|interrupt) (?P<way>IN|OUT)")
-"""Where dissectors of devices say that a report went."""
+"""Directions of reports for dissectors of devices."""
 _USB_IDS = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}(?= )")
 
 
 class _Unasked(dict[str, TimelinePhase]):
-    """Phases of a capture, which has none: looking for a phase raises UnaskedError."""
+    """Phases of a capture, which has none: a search for a phase raises UnaskedError."""
 
     def _none(self, *_: object) -> NoReturn:
         raise UnaskedError
@@ -63,12 +63,12 @@ class _Unasked(dict[str, TimelinePhase]):
 
 
 class ClientTraffic(NamedTuple):
-    """One of several that were there at a time."""
+    """One of several simultaneous clients."""
 
     name: str
     """Its address and port."""
     numbers: list[int]
-    """Its events', in the timeline of all."""
+    """Numbers of its events in the timeline of all."""
     timeline: Captured
     decoded: Any
     """Its timeline as decoded by the suite."""
@@ -84,10 +84,10 @@ _WORST = (
 
 
 class Captured(WireTimeline):
-    """A timeline from a capture. Requirements are not judged by events that it cannot show."""
+    """A timeline from a capture. Requirements are not judged by events that it cannot contain."""
 
     lacks = ""
-    """Why the capture may be incomplete: no failure is judged then."""
+    """Why the capture may be incomplete; no failure is judged then."""
     unsure = -2
     """Last event (number) up to which the capture may begin in the middle of an exchange. A failure
     does not count if its evidence does not go beyond it."""
@@ -95,7 +95,7 @@ class Captured(WireTimeline):
     def __init__(self) -> None:
         super().__init__()
         self.clients: list[ClientTraffic] = []
-        """Where there are several at a time: each is judged by itself."""
+        """Simultaneous clients: each is judged separately."""
 
     def phases(self) -> dict[str, TimelinePhase]:
         return _Unasked()
@@ -166,44 +166,44 @@ def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") 
 
 
 def _ends(segment: Segment, sent: bool) -> tuple[Endpoint, Endpoint]:
-    """Return the judged endpoint, and ours."""
+    """Return the tested endpoint, and ours."""
     return segment.ends(Direction.TO_DEVICE if sent else Direction.FROM_DEVICE)
 
 
 class _Packet(NamedTuple):
-    """One of a flow."""
+    """Packet of a flow."""
 
     time_ns: int
     number: int
-    """Of the protocol's packets, as they came."""
+    """Its number among the protocol's packets."""
     sent: bool
     names: frozenset[str]
-    """Channels that it can be of."""
+    """Channels that it may belong to."""
     segment: Segment
 
 
 class _Flow(NamedTuple):
-    """Packets between an address and port of the judged side, and one of ours."""
+    """Packets between an address and port of the tested side, and one of ours."""
 
     judged: Endpoint
     ours: Endpoint
     client: Endpoint
-    """That of the two which comes to the other's known port."""
+    """The endpoint that connects to the other's known port."""
     packets: list[_Packet]
 
     @property
     def known(self) -> Endpoint:
-        """The other than the client."""
+        """The endpoint other than the client."""
         return self.judged if self.client == self.ours else self.ours
 
     @property
     def ways(self) -> set[bool]:
-        """Whether packets were sent to the judged side, came from it, or both."""
+        """Return the directions that occur: to the tested side, and from it."""
         return {each.sent for each in self.packets}
 
 
 class _Reading(ABC):
-    """Collects the packets of one protocol by their flows, and then the events."""
+    """Collects the packets of one protocol by flows, and then the events."""
 
     protocol: str
 
@@ -213,22 +213,22 @@ class _Reading(ABC):
         self.ours = ours
         self.host = host
         self.events: list[tuple[int, WireEvent]] = []
-        """With the times of their packets, ns."""
+        """Events with the times of their packets, ns."""
         self.lacks: list[str] = []
         self.last_ns = 0
         self.strays: list[str] = []
         self.parts: list[_Part] = []
-        """Of clients that are there at a time: the events of each."""
+        """Simultaneous clients: the events of each."""
         self._flows: dict[tuple[Endpoint, Endpoint], _Flow] = {}
         self._count = 0
 
     @property
     def judged(self) -> dict[str, None]:
-        """Hosts that are judged, in the order in which they came."""
+        """Return the tested hosts, in the order of their first packet."""
         return dict.fromkeys(flow.judged.host for flow in self._flows.values())
 
     def take(self, segment: Segment, time_ns: int) -> bool:
-        """Whether it is one of the protocol's."""
+        """Return True if the segment is one of the protocol's."""
         source, destination = segment.source, segment.destination
         if segment.protocol != self.protocol:
             return False
@@ -250,20 +250,20 @@ class _Reading(ABC):
         return False
 
     def finish(self) -> None:
-        """The capture ends."""
+        """Process the end of the capture."""
         self._set_aside()
         self.read(list(self._flows.values()))
 
     @abstractmethod
     def is_stray(self, flow: _Flow) -> bool:
-        """Whether it is no conversation, where there is another host's that is one."""
+        """Return True if it is not a conversation, while another host's is one."""
 
     @abstractmethod
     def read(self, flows: list[_Flow]) -> None:
-        """Make the events of the judged side."""
+        """Make the events of the tested side."""
 
     def _set_aside(self) -> None:
-        """Take out what other hosts sent to the same ports: port scans, mistaken senders."""
+        """Remove traffic of other hosts to the same ports: port scans, wrong senders."""
         flows = self._flows.values()
         strays = [flow for flow in flows if self.is_stray(flow)]
         hosts = {flow.client.host for flow in flows if not self.is_stray(flow)}
@@ -295,8 +295,8 @@ class _Part(NamedTuple):
 
 
 class _Udp(_Reading):
-    """Datagrams. Of several channels at one port each client is one, of those that come after one
-    another; of those that are there at a time each is judged by itself."""
+    """Datagrams. Of several channels at one port each successive client is one; simultaneous
+    clients are judged separately."""
 
     protocol = "UDP"
 
@@ -340,8 +340,8 @@ def _as_they_came(packet: _Packet) -> int:
 
 
 def _one_after_another(flows: list[_Flow]) -> list[list[_Flow]]:
-    """Flows by clients: where one begins after the last that the client sent in another, it is the
-    same client's, at another port."""
+    """Group flows by client: one that begins after the last packet of the client in another belongs
+    to the same client, at another port."""
     clients: list[tuple[int, list[_Flow]]] = []
     for flow in sorted(flows, key=lambda each: each.packets[0].number):
         by_client = [p.number for p in flow.packets if p.segment.source == flow.client]
@@ -358,22 +358,23 @@ def _one_after_another(flows: list[_Flow]) -> list[list[_Flow]]:
 
 @dataclass
 class _Connection:
-    """A connection that is followed from its beginning."""
+    """Connection that is followed from its beginning."""
 
     channel: str
     begun: set[bool] = field(default_factory=set)
-    """Directions in which its SYN was seen: to the judged side, and from it."""
+    """Directions whose SYN was seen: to the tested side, and from it."""
     open: bool = False
     over: bool = False
     reached: dict[bool, int] = field(default_factory=dict)
-    """By ways: the sequence number of the last segment without bytes."""
+    """By direction: the sequence number of the last segment without bytes."""
     streams: Mapping[bool, tcp.TcpStream] = field(
         default_factory=lambda: {way: tcp.TcpStream() for way in (False, True)}
     )
 
 
 class _Tcp(_Reading):
-    """Connections. A port of ours gives each client a channel: "motion 2", the second to any."""
+    """Connections. A port of ours gives each client a channel: "motion 2", the second to any
+    port."""
 
     protocol = "TCP"
 
@@ -414,7 +415,7 @@ class _Tcp(_Reading):
         self._follow(known, segment, sent, syn, time_ns)
 
     def _channel(self, names: frozenset[str]) -> str:
-        """The channel of a new connection; empty: all that there can be are taken."""
+        """Return the channel of a new connection; empty: all possible ones are used."""
         ordered = [name for name in self.ports if name in names]
         if names <= self.ours:
             self._clients += 1
@@ -440,7 +441,7 @@ class _Tcp(_Reading):
                 self._complete(known)
         for event in known.streams[sent].feed(segment, time_ns):
             self._read(known, event, sent, time_ns)
-        # A stream ends what was before its beginning, which is none of this connection's.
+        # A stream ends data from before its beginning, which do not belong to this connection.
         if syn == TCP_SYN | TCP_ACK and not known.open and len(known.begun) == 2:
             known.open = True
             self._tell(known, time_ns, Kind.OPENED, False)
@@ -478,7 +479,7 @@ class _Tcp(_Reading):
             self.lacks.append(why)
 
     def _complete(self, known: _Connection) -> None:
-        """Look whether the last of its bytes came, which no later ones would tell."""
+        """Check if the last of its bytes arrived, which no later ones would show."""
         if any(known.streams[way].missing_before(at) for way, at in known.reached.items()):
             self._lost(known, LACKS_BYTES)
 
@@ -567,7 +568,7 @@ def _unsure(found: Captured) -> int:
 
 
 def _leave_open(found: Captured, ours: frozenset[str], last_ns: int) -> None:
-    """Remove requests to the judged side that were still open when the capture ended."""
+    """Remove requests to the tested side that were still open at the end of the capture."""
     assert found.start_ns is not None
     end_s = (last_ns - found.start_ns) * 1e-9
     settled: set[str] = set()
@@ -605,7 +606,7 @@ def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Captured:
 
 
 def _of_device(suite: Suite[Any], path: str | os.PathLike[str], target: str) -> Captured:
-    """The reports of a device on USB or on a radio link."""
+    """Return the reports of a device on USB or on a radio link."""
     dissector = registry.FINDER.load(suite.dissector)({})
     capture = CaptureReader((), {})
     reports: dict[str, list[tuple[str, Message]]] = {}

@@ -9,27 +9,27 @@ from cardan_dissect._scapy import Field, Packet, StrField, XByteField
 
 
 class Block(Packet):
-    """Bytes with an end of their own: what follows is not the layer's payload."""
+    """Bytes with a known end: following bytes are not the layer's payload."""
 
     def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
         return b"", s
 
 
 class Report(Block):
-    """A HID report, whose id is its first byte; bytes after it are padding."""
+    """HID report whose first byte is its id; bytes after it are padding."""
 
     least_bytes: ClassVar[int] = 1
-    """The id counts."""
+    """Including the id."""
 
 
 class UnknownReport(Report):
-    """A report with an id that the device does not have."""
+    """Report with an id that the device does not have."""
 
     fields_desc = [XByteField("id", 0), StrField("data", b"")]
 
 
 class BrokenReport(Report):
-    """Bytes too few for their id; `reason` says which."""
+    """Too few bytes for their id, with the `reason`."""
 
     fields_desc = [StrField("data", b"")]
 
@@ -41,7 +41,7 @@ class BrokenReport(Report):
 
 
 def choose_report(reports: Mapping[int, type[Report]], report: bytes) -> type[Report]:
-    """The layer of a report, by its id."""
+    """Return the layer of a report by its id."""
     if not report:
         return BrokenReport
     layer = reports.get(report[0], UnknownReport)

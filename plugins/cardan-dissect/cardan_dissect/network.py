@@ -1,4 +1,4 @@
-"""From a captured packet down to the UDP or TCP payload."""
+"""Decoder from a captured packet to the UDP or TCP payload."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cardan_dissect.capture import LINK_CAN as CAN, CapturedPacket, Direction
 NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2 = 0, 1, 108, 101, 113, 228, 229, 276
 RAW_OF_BSD = (12, 14)
 LINK_TYPES = frozenset((NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2, *RAW_OF_BSD))
-"""Link types of captures that can hold IP."""
+"""Link types of captures that can contain IP."""
 ETHERTYPE_IPV4, ETHERTYPE_IPV6 = 0x0800, 0x86DD
 VLAN_TAGS = (0x8100, 0x88A8, 0x9100)
 ETHERTYPE_NAMES = {0x0806: "ARP", 0x88CC: "LLDP", 0x8892: "PROFINET", 0x88A4: "EtherCAT"}
@@ -20,7 +20,7 @@ TCP, UDP, ICMP, IGMP, ICMP6 = 6, 17, 1, 2, 58
 TCP_FIN, TCP_SYN, TCP_RST, TCP_ACK = 1, 2, 4, 16
 LINUX_CAN = 0x000C
 LINUX_NAMES = {0x0001: "IEEE 802.3", 0x0004: "IEEE 802.2", LINUX_CAN: "CAN", 0x000D: "CAN FD"}
-"""Linux's values in place of an Ethernet type in captures of any interface."""
+"""Linux's values in place of an Ethernet type, in captures of any interface."""
 SLL_BYTES, SLL2_BYTES = 16, 20
 COOKED_BYTES = {LINUX_SLL: SLL_BYTES, LINUX_SLL2: SLL2_BYTES}
 PROTOCOL_NAMES = {ICMP: "ICMP", IGMP: "IGMP", ICMP6: "ICMPv6"}
@@ -31,17 +31,17 @@ LINK_NAMES = {
     254: "Bluetooth monitor",
     CAN: "CAN",
 }
-SKIPPED_IPV6_HEADERS = (0, 43, 60)  # hop-by-hop, routing, destination options
+SKIPPED_IPV6_HEADERS = (0, 43, 60)  # Hop-by-hop, routing, destination options.
 IPV6_FRAGMENT = 44
 _new = tuple.__new__
 _USUAL_BYTES = 42
 _usual = struct.Struct("!12xHBxH2xHxB2x12sH2x").unpack_from
-"""The heads of UDP in IPv4 without options on Ethernet: type, version, total length, fragment,
+"""Headers of UDP in IPv4 without options on Ethernet: type, version, total length, fragment,
 protocol, addresses and ports, length."""
 
 
 class Endpoint(NamedTuple):
-    """An address and a port."""
+    """Address and port."""
 
     host: str
     port: int
@@ -53,8 +53,8 @@ class Endpoint(NamedTuple):
 class Segment(NamedTuple):
     """The payload of one UDP datagram or TCP segment; `cut` when the capture lacks a part of it.
 
-    `sequence` is the TCP sequence number as it is sent (that of the SYN, where there is one, and of
-    the first byte of the payload where there is none); `flags` are the TCP flags.
+    `sequence` is the TCP sequence number as sent (that of the SYN, or else of the first byte of the
+    payload); `flags` are the TCP flags.
     """
 
     protocol: str  # "UDP" or "TCP"
@@ -65,13 +65,13 @@ class Segment(NamedTuple):
     sequence: int = 0
     flags: int = 0
     missing: int = 0
-    """Bytes of the payload, its last ones, that the capture lacks; 0 where that is not known."""
+    """Number of last bytes of the payload that the capture lacks; 0 if unknown."""
 
     def __str__(self) -> str:
         return _ports(self.protocol, self.source.port, self.destination.port)
 
     def ends(self, direction: Direction) -> tuple[Endpoint, Endpoint]:
-        """The device's end and the client's, of a segment that goes this way."""
+        """Return the device's end and the client's, for a segment in this direction."""
         if direction is Direction.FROM_DEVICE:
             return self.source, self.destination
         return self.destination, self.source
@@ -84,7 +84,7 @@ def _ports(protocol: str, one: int, other: int) -> str:
 
 
 def parse(packet: CapturedPacket) -> Segment | str:
-    """The segment in a packet; of a packet without one its name ("ARP", "USB", "CAN"...)."""
+    """Return the segment in a packet, or the name of another packet ("ARP", "USB", "CAN"...)."""
     data = packet.data
     if packet.link_type == ETHERNET and len(data) >= _USUAL_BYTES:
         ethertype, version, total, fragment, protocol, ends, size = _usual(data)
@@ -110,8 +110,8 @@ def parse(packet: CapturedPacket) -> Segment | str:
 
 
 def unwrapped(packet: CapturedPacket) -> CapturedPacket:
-    """A frame of CAN out of a capture of any interface of Linux, as it is in one of CAN alone; any
-    other packet as it is."""
+    """Convert a CAN frame from a capture of any Linux interface to the form of a CAN capture;
+    return any other packet unchanged."""
     head_bytes = COOKED_BYTES.get(packet.link_type)
     if head_bytes is None or len(packet.data) < head_bytes:
         return packet
@@ -124,7 +124,7 @@ def unwrapped(packet: CapturedPacket) -> CapturedPacket:
 
 
 def interface(packet: CapturedPacket) -> int | None:
-    """A number of where a packet was seen; None where the capture does not say."""
+    """Return a number for the place where a packet was seen; None if the capture has none."""
     if packet.link_type == LINUX_SLL2 and len(packet.data) >= SLL2_BYTES:
         (index,) = struct.unpack_from("!I", packet.data, 4)
         return int(index)
@@ -142,7 +142,7 @@ def _link(packet: CapturedPacket) -> Segment | str:
     if link_type in (RAW, IPV4, IPV6, *RAW_OF_BSD):
         return _ip(data)
     if link_type in (NULL, LOOP):
-        return _ip(data[4:])  # the address family differs between systems; IP has its version
+        return _ip(data[4:])  # The address family differs between systems; IP has its version.
     if link_type == ETHERNET:
         at = 12
     elif link_type == LINUX_SLL:
@@ -184,7 +184,7 @@ def _ipv4(data: bytes) -> Segment | str:
     total, fragment, protocol, source, destination = struct.unpack_from("!2xH2xHxB2x4s4s", data)
     if fragment & 0x1FFF:
         return "IP fragment"
-    body = data[(data[0] & 15) * 4 : total or None]  # 0: the network card was to fill it in
+    body = data[(data[0] & 15) * 4 : total or None]  # 0: to be filled in by the network card.
     missing = max(0, total - len(data))
     found = _segment(protocol, source, destination, body, missing)
     more = bool(fragment & 0x2000)

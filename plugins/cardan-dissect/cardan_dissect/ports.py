@@ -7,7 +7,7 @@ EGM_PORTS = (6510, 6511, 6512, 6513)
 StateMachine add-in and the ROS drivers."""
 
 JOINT_STREAM_PORT = 6520
-"""UDP port of the simulated arm when none is chosen."""
+"""Default UDP port of the simulated arm."""
 
 SIMPLE_MESSAGE_PORTS = (50240, 50241, 50242)
 """TCP ports of a controller with MotoROS: motion, state, I/O. The generic drivers of ROS-Industrial

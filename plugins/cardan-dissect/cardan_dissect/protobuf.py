@@ -1,11 +1,11 @@
 """Protobuf (proto2 wire format) as scapy fields and packets, for building and dissecting.
 
 A message is a :class:`ProtoMessage` whose ``fields_desc`` lists :class:`ProtoField` objects and
-ends with ``*TAIL``. A field that is not on the wire is None. Dissecting never raises: what the
-schema does not know is kept in ``unknown``, and from the first byte that is no protobuf on
-everything is kept in ``rest``; :func:`faults` says what was wrong. Building writes the fields in
-the order of ``fields_desc``, then ``unknown`` and ``rest`` as they are; scapy's ``RawVal`` in
-place of a value puts any bytes there.
+ends with ``*TAIL``. A field that is not on the wire is None. Dissecting never raises: fields
+outside the schema are kept in ``unknown``, and everything from the first invalid byte on in
+``rest``; :func:`faults` returns the errors. Building writes the fields in the order of
+``fields_desc``, then ``unknown`` and ``rest`` unchanged; scapy's ``RawVal`` in place of a value
+inserts any bytes.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ MAX_TAG = 2**32 - 1
 
 
 class WireError(ValueError):
-    """Bytes that are no protobuf; the text is the reason."""
+    """Bytes that are not protobuf, with the reason."""
 
 
 class Item(NamedTuple):
-    """A tagged value, found at data[start:end]."""
+    """Tagged value, found at data[start:end]."""
 
     number: int
     wire_type: int
-    value: Any  # int for a varint, else the bytes of the value
+    value: Any  # int for a varint, else the bytes of the value.
     start: int
     end: int
 
@@ -69,7 +69,7 @@ def _value(data: bytes, wire_type: int, offset: int) -> tuple[Any, int]:
 
 
 def _group_end(data: bytes, number: int, offset: int) -> int:
-    """Offset after the group that field `number` opened, groups inside included."""
+    """Return the offset after the group that field `number` opened, with nested groups."""
     opened = [number]
     while opened:
         if offset >= len(data):
@@ -86,7 +86,8 @@ def _group_end(data: bytes, number: int, offset: int) -> int:
 
 
 def scan(data: bytes) -> Iterator[Item]:
-    """Yield the tagged values of a message in wire order; WireError at the first invalid one."""
+    """Yield the tagged values of a message in wire order. Raises WireError at the first invalid
+    one."""
     offset = 0
     while offset < len(data):
         start = offset
@@ -101,7 +102,7 @@ def scan(data: bytes) -> Iterator[Item]:
 
 
 def varint(value: int) -> bytes:
-    """`value` as a varint; a negative one as its 64-bit two's complement."""
+    """Encode `value` as a varint; a negative one as its 64-bit two's complement."""
     value &= 2**64 - 1
     out = bytearray()
     while value > 0x7F:
@@ -112,14 +113,14 @@ def varint(value: int) -> bytes:
 
 
 def tagged(number: int, wire_type: int, body: bytes) -> bytes:
-    """A tag and its body; a length goes before a length-delimited one."""
+    """Encode a tag and its body; a length-delimited one has a length between."""
     if wire_type == LENGTH:
         body = varint(len(body)) + body
     return varint(number << 3 | wire_type) + body
 
 
 class ProtoField(Field[Any, Any]):
-    """A field of a message; `number` as in the schema, None when absent."""
+    """Field of a message; `number` as in the schema, value None if absent."""
 
     __slots__ = ["number", "required"]
     wire_types: tuple[int, ...] = (VARINT,)
@@ -129,15 +130,15 @@ class ProtoField(Field[Any, Any]):
         Field.__init__(self, name, None, "B")
 
     def take(self, old: Any, item: Item) -> Any:
-        """The value after one more occurrence on the wire."""
+        """Return the value after one more occurrence on the wire."""
         raise NotImplementedError
 
     def finish(self, taken: Any) -> Any:
-        """The value after the last occurrence."""
+        """Return the value after the last occurrence."""
         return taken
 
     def encode(self, value: Any) -> bytes:
-        """The value with its tag."""
+        """Encode the value with its tag."""
         raise NotImplementedError
 
     def addfield(self, pkt: Any, s: bytes, val: Any) -> bytes:
@@ -185,7 +186,7 @@ class Enum(UInt):
         return self.symbol(x) if isinstance(x, int) else repr(x)
 
     def symbol(self, value: int) -> str:
-        """The name of `value`; the number itself when the schema has none for it."""
+        """Return the name of `value`, or the number itself if the schema has none."""
         return self.names[value] if 0 <= value < len(self.names) else str(value)
 
     def take(self, old: Any, item: Item) -> int:
@@ -229,7 +230,7 @@ class Doubles(ProtoField):
 
 
 class Message(ProtoField):
-    """A sub-message, or bytes to be sent as if they were one.
+    """Sub-message, or bytes to be sent in its place.
 
     `layout` is its class, or a function that chooses the class from the content.
     """
@@ -245,8 +246,8 @@ class Message(ProtoField):
         ProtoField.__init__(self, name, number, required)
 
     def take(self, old: bytes | None, item: Item) -> bytes:
-        # Joined contents are the merged message: what the format says of repeated occurrences.
-        # A broken one must not borrow its missing bytes from the next.
+        # Joined contents are the merged message, by the format's rule for repeated occurrences. A
+        # broken one must not borrow its missing bytes from the next.
         for _ in scan(old or b""):
             pass
         return (old or b"") + item.value
@@ -259,7 +260,7 @@ class Message(ProtoField):
 
 
 class Verbatim(Field[Any, Any]):
-    """Bytes that go out as they came."""
+    """Bytes that are sent as received."""
 
     def __init__(self, name: str) -> None:
         Field.__init__(self, name, b"", "B")
@@ -272,7 +273,7 @@ TAIL = (Verbatim("unknown"), Verbatim("rest"))
 
 
 class ProtoMessage(Block):
-    """A protobuf message; see the module's text."""
+    """Protobuf message; see the module's text."""
 
     _by_number: ClassVar[dict[int, ProtoField]] = {}
 
@@ -299,7 +300,7 @@ class ProtoMessage(Block):
         for name, verbatim in (("unknown", unknown), ("rest", s[end:])):
             if verbatim:
                 self.fields[name] = verbatim
-        # No raw_packet_cache: scapy's does not see a change two messages down.
+        # Without raw_packet_cache: scapy's misses a change two messages down.
         self.explicit = 1
         return b""
 
@@ -332,7 +333,7 @@ def _reason(message: ProtoMessage) -> str:
 
 
 def unknown_numbers(message: ProtoMessage) -> list[int]:
-    """Field numbers kept in `unknown`, those of sub-messages included, in order."""
+    """Return field numbers kept in `unknown`, those of sub-messages included, in order."""
     numbers = []
     for value in message.fields.values():
         if isinstance(value, ProtoMessage):

@@ -1,4 +1,4 @@
-"""The parts of a protocol's dissector, and what is printed of the values that its codec decodes."""
+"""Parts of a protocol's dissector, and formatting of the decoded values."""
 
 from __future__ import annotations
 
@@ -14,45 +14,45 @@ from cardan_dissect.capture import CapturedPacket
 from cardan_dissect.network import Endpoint, Segment
 
 CUT = "cut by the capture"
-"""Why a message that is not whole in the capture is malformed."""
+"""Reason why a message that is incomplete in the capture is malformed."""
 SHOWN_BYTES = 24
-"""Bytes shown of a malformed message; the first fields show its intended type."""
+"""Number of shown bytes of a malformed message; the first fields show its intended type."""
 
 
 class Decoded(NamedTuple):
     """Bytes of a message as decoded by a codec."""
 
     value: Any
-    """A named tuple, or names and values; None where the bytes are malformed. A function that gives
-    it is called when it is shown; then there must be a title."""
+    """Named tuple, or names and values; None if the bytes are malformed. A function that returns it
+    is called for display; then a title is required."""
     title: str = ""
     """Title of the message; empty: that of the value's class."""
     fault: str = ""
-    """Why it is malformed; what stands before a colon is counted."""
+    """Why it is malformed; the words before a colon are counted."""
     sequence: int | None = None
-    """The sender's count of its messages, where it has one, modulo 2**32."""
+    """Sender's count of its messages, if it has one, modulo 2**32."""
     asks: int | None = None
-    """Value that the answer to it repeats, where the protocol has that."""
+    """Value that the reply to it repeats, if the protocol has one."""
     answers: int | None = None
     """Value repeated from the message that it answers; None: it answers the newest one."""
     remarks: tuple[str, ...] = ()
-    """Remarks about it besides its values."""
+    """Remarks about it in addition to its values."""
 
 
 class Message(NamedTuple):
-    """A message in a packet."""
+    """Message in a packet."""
 
     packet: CapturedPacket
     where: str
-    """Sender and receiver; figures are kept by this."""
+    """Sender and receiver, the key of its figures."""
     decoded: Decoded
     data: bytes
     other_way: str = ""
-    """Where the answers to it are."""
+    """Sender and receiver of its replies."""
 
 
 class Note(NamedTuple):
-    """A remark about a capture besides its messages."""
+    """Remark about a capture in addition to its messages."""
 
     packet: CapturedPacket
     where: str
@@ -63,23 +63,23 @@ Found = Iterable[Message | Note]
 
 
 class Numbers(NamedTuple):
-    """An option that adds numbers to those a protocol is looked for at: ports, nodes."""
+    """Option that adds numbers, such as ports or nodes, to those where a protocol is expected."""
 
     key: str
-    """The keyword of :func:`cardan_dissect.dissect_file`."""
+    """Keyword of :func:`cardan_dissect.dissect_file`."""
     flag: str
-    """On the command line, without the leading dashes; it can be given several times."""
+    """Name on the command line, without the leading dashes; it is repeatable."""
     metavar: str
     help: str
-    """In a few words without a full stop; that the option is repeatable is added."""
+    """Short help without a full stop; a remark that the option is repeatable is appended."""
     what: str
     """Noun for such a number ("UDP port")."""
     allowed: range = range(1, 0x10000)
     usual: frozenset[int] = frozenset()
-    """Numbers that are always looked at."""
+    """Numbers that are always examined."""
 
     def with_usual(self, more: Iterable[int]) -> frozenset[int]:
-        """The usual numbers and `more`; ConfigurationError for one out of range."""
+        """Return the usual numbers and `more`. Raises ConfigurationError for one out of range."""
         numbers = frozenset(more)
         if wrong := sorted(numbers.difference(self.allowed)):
             listed = ", ".join(map(str, wrong))
@@ -91,49 +91,49 @@ class Numbers(NamedTuple):
 
 
 class Dissector(ABC):
-    """A protocol as ``cardan dissect`` has it: where it is looked for, its options, its codec.
+    """Protocol of ``cardan dissect``: its ports, options and codec.
 
-    The class's docstring says in a line what it reads. A dissector is made for each capture that
-    has one of its link types; it sees their packets in order and takes those of its protocol.
+    The class's docstring is a one-line description. A dissector is made for each capture that has
+    one of its link types; it sees their packets in order and takes those of its protocol.
     """
 
     name: ClassVar[str]
-    """The protocol's, in the figures of a capture."""
+    """Name of the protocol in the figures of a capture."""
     page: ClassVar[str]
-    """Where it is described: a page under docs/, or an address."""
+    """Its documentation: a page under docs/, or a URL."""
     link_types: ClassVar[frozenset[int]] = network.LINK_TYPES
     """Link types of the packets that it is offered (LINKTYPE_ numbers of libpcap)."""
     always: ClassVar[bool] = False
-    """Whether the figures say of every capture how much of it there was, instead of captures with
-    one of its link types only."""
+    """True if the figures of every capture have its count, not only those of captures with one of
+    its link types."""
     options: ClassVar[Sequence[Numbers]] = ()
 
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         self.numbers = numbers
         """Numbers of each option by its key."""
         self.packets = 0
-        """Packets that belong to the protocol, those without a message of it included. When it has
-        grown, the packet is not offered to the dissectors after this one."""
+        """Number of packets of the protocol, including those without a message. After an increase
+        the packet is not offered to later dissectors."""
 
     @abstractmethod
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         """Return messages of a packet. `network` is :func:`cardan_dissect.network.parse`'s result.
 
-        Messages can be those of earlier packets, which were held back.
+        They may be from earlier packets that were held back.
         """
 
     def finish(self) -> Found:
-        """Return messages held back when the capture ends."""
+        """Return messages held back at the end of the capture."""
         return ()
 
     def about(self, where: str) -> str:
-        """Return text for the figures about the ends at `where`, besides their messages."""
+        """Return text for the figures about the ends at `where`, in addition to their messages."""
         return ""
 
     def recognized(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
-        """Describe the sides ("the robot at ...") of a flow between two ends that was read on
-        trial, with the port of `end` as a number of the first option, if its first messages can be
-        no other protocol's; else empty, as it is where a protocol is found without ports."""
+        """Describe the sides ("the robot at ...") of a flow between two ends that was tried with
+        the port of `end` as the first option, if its first messages fit no other protocol; else,
+        and for protocols recognized without ports, return empty."""
         return ""
 
 
@@ -144,7 +144,7 @@ class DatagramDissector(Dissector):
 
     @abstractmethod
     def decode(self, segment: Segment) -> Decoded | None:
-        """A datagram; None: it is another protocol's."""
+        """Decode a datagram; None if it is another protocol's."""
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         if isinstance(network, str) or network.protocol != "UDP":
@@ -170,12 +170,12 @@ def _ways(source: Endpoint, destination: Endpoint) -> tuple[str, str]:
 
 
 def value_of(decoded: Decoded) -> Any:
-    """The values of a message, decoded now where they were not before."""
+    """Return the values of a message, decoded now if they were not before."""
     return decoded.value() if callable(decoded.value) else decoded.value
 
 
 def describe(decoded: Decoded) -> str:
-    """Return title and values, one after the other; absent values are left out."""
+    """Return title and values in sequence; absent values are omitted."""
     value = value_of(decoded)
     title = decoded.title or type(value).__name__
     fields = value if isinstance(value, Mapping) else value._asdict()
@@ -223,6 +223,6 @@ def _text_of_list(value: Sequence[Any]) -> str:
 
 
 def excerpt(data: bytes) -> str:
-    """The length of malformed bytes, and the first of them in hex."""
+    """Return the length of malformed bytes, and the first of them in hex."""
     more = " ..." if len(data) > SHOWN_BYTES else ""
     return f"({len(data)} B: {data[:SHOWN_BYTES].hex(' ')}{more})"

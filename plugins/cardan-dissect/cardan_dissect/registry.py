@@ -16,8 +16,8 @@ BUILT_IN = {
     "simple_message": "cardan_dissect.dissectors.streams:SimpleMessage",
     "rtde": "cardan_dissect.dissectors.streams:Rtde",
 }
-"""Our own. Packets are offered in this order, then to those of other packages by name: what goes to
-or from a port of EGM is EGM's, whatever it begins with."""
+"""Built-in dissectors. Packets are offered in this order, then to those of other packages by name:
+traffic of an EGM port is always EGM's."""
 
 
 FINDER: Finder[Dissector] = Finder(
@@ -30,7 +30,7 @@ FINDER: Finder[Dissector] = Finder(
 
 def dissectors() -> list[type[Dissector]]:
     """Return all dissectors, in the order in which they are offered packets. A dissector that
-    cannot be loaded is left out, and a warning is logged."""
+    cannot be loaded is skipped, with a warning in the log."""
     found = FINDER.load_all()
     for name, why in found.refused.items():
         logging.getLogger(__name__).warning("dissector %r %s", name, why)

@@ -1,16 +1,16 @@
 """scapy layers of RTDE, version 2: packets between clients and Universal Robots controllers.
 
 Everything is big-endian. Written from the protocol's page (docs/universal-robots.md), independent
-of Cardan's codec, so that each can be checked against the other.
+of Cardan's codec, for cross-checks.
 
-A request and its reply have the same type, so the direction has to be known: `RtdeRequest(data)`
+A request and its reply have the same type; the caller gives the direction: `RtdeRequest(data)`
 dissects the packet that `data` begins with as a client's, `RtdeReply(data)` as a controller's, to
 the layer of its type, or to RtdeRequestBroken or RtdeReplyBroken; they never raise. The rest of
 `data` is the payload, dissected likewise: a TCP segment can hold several packets. Building fills in
 sizes.
 
-The values of a data packet have names and types in its recipe only, which another packet told:
-`values_of` reads them with it.
+Names and types of a data packet's values are in its recipe, which an earlier packet has:
+`values_of` decodes them with it.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _header(kind: int) -> list[Any]:
 
 
 class Rtde(Packet):
-    """A packet of either way."""
+    """Packet of either direction."""
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
         if self.size is None:
@@ -88,7 +88,7 @@ class Rtde(Packet):
 
 
 class RtdeRequest(Rtde):
-    """A client's; dissects to the layer of its type."""
+    """Packet of a client; dissects to the layer of its type."""
 
     name = "RTDE request"
 
@@ -101,7 +101,7 @@ class RtdeRequest(Rtde):
 
 
 class RtdeReply(Rtde):
-    """A controller's; dissects to the layer of its type."""
+    """Packet of a controller; dissects to the layer of its type."""
 
     name = "RTDE reply"
 
@@ -114,7 +114,7 @@ class RtdeReply(Rtde):
 
 
 class _PacketField(StrField):
-    """The bytes of a packet by its size; all that are left where it has none."""
+    """Bytes of a packet by its size; all remaining ones if it has none."""
 
     def getfield(self, pkt: Any, s: bytes) -> tuple[bytes, bytes]:
         size = struct.unpack_from(">H", s)[0] if len(s) >= 2 else 0
@@ -123,7 +123,7 @@ class _PacketField(StrField):
 
 
 class RtdeRequestBroken(RtdeRequest):
-    """Bytes of a client that are no packet; `reason` says why."""
+    """Client's bytes that are not a packet, with the `reason`."""
 
     fields_desc = [_PacketField("data", b"")]
 
@@ -137,7 +137,7 @@ class RtdeRequestBroken(RtdeRequest):
 
 
 class RtdeReplyBroken(RtdeReply):
-    """Bytes of a controller that are no packet; `reason` says why."""
+    """Controller's bytes that are not a packet, with the `reason`."""
 
     fields_desc = [_PacketField("data", b"")]
 
@@ -151,19 +151,19 @@ class RtdeReplyBroken(RtdeReply):
 
 
 class RtdeAskVersion(RtdeRequest):
-    """Asks for a version of the protocol."""
+    """Request for a version of the protocol."""
 
     fields_desc = [*_header(VERSION_TYPE), ShortField("version", 2)]
 
 
 class RtdeAskController(RtdeRequest):
-    """Asks for the version of the controller's software."""
+    """Request for the version of the controller's software."""
 
     fields_desc = _header(CONTROLLER_TYPE)
 
 
 class RtdeAskOutputs(RtdeRequest):
-    """Asks for data packets of these variables, so often a second."""
+    """Request for data packets with these variables, at a frequency."""
 
     fields_desc = [
         *_header(OUTPUTS_TYPE),
@@ -173,7 +173,7 @@ class RtdeAskOutputs(RtdeRequest):
 
 
 class RtdeAskInputs(RtdeRequest):
-    """Asks to write these variables."""
+    """Request to write these variables."""
 
     fields_desc = [
         *_header(INPUTS_TYPE),
@@ -182,25 +182,25 @@ class RtdeAskInputs(RtdeRequest):
 
 
 class RtdeStart(RtdeRequest):
-    """Asks for data packets to begin."""
+    """Request to start data packets."""
 
     fields_desc = _header(START_TYPE)
 
 
 class RtdePause(RtdeRequest):
-    """Asks for data packets to end."""
+    """Request to pause data packets."""
 
     fields_desc = _header(PAUSE_TYPE)
 
 
 class RtdeVersionReply(RtdeReply):
-    """Whether the version of the protocol is spoken."""
+    """Reply: the version of the protocol is accepted or not."""
 
     fields_desc = [*_header(VERSION_TYPE), ByteField("accepted", 1)]
 
 
 class RtdeController(RtdeReply):
-    """The version of the controller's software."""
+    """Version of the controller's software."""
 
     fields_desc = [
         *_header(CONTROLLER_TYPE),
@@ -232,13 +232,13 @@ class RtdeInputs(RtdeReply):
 
 
 class RtdeStarted(RtdeReply):
-    """Whether data packets begin."""
+    """Reply: data packets start or not."""
 
     fields_desc = [*_header(START_TYPE), ByteField("accepted", 1)]
 
 
 class RtdePaused(RtdeReply):
-    """Whether data packets end."""
+    """Reply: data packets pause or not."""
 
     fields_desc = [*_header(PAUSE_TYPE), ByteField("accepted", 1)]
 
@@ -263,13 +263,13 @@ def _data() -> list[Any]:
 
 
 class RtdeTextRequest(RtdeRequest):
-    """A client's message in words."""
+    """Text message of a client."""
 
     fields_desc = _text()
 
 
 class RtdeText(RtdeReply):
-    """The controller's message in words."""
+    """Text message of the controller."""
 
     fields_desc = _text()
 
@@ -308,7 +308,7 @@ _SEEN_OF_REPLIES = (
 )
 REQUESTS: dict[int, type[RtdeRequest]] = {each().kind: each for each in _SEEN_OF_REQUESTS}
 REPLIES: dict[int, type[RtdeReply]] = {each().kind: each for each in _SEEN_OF_REPLIES}
-"""The layers by their types."""
+"""Layers by their types."""
 
 _LENGTHS: dict[type[Packet], tuple[int, bool]] = {
     RtdeAskVersion: (2, False),
@@ -326,11 +326,12 @@ _LENGTHS: dict[type[Packet], tuple[int, bool]] = {
     RtdeInputData: (1, True),
     RtdeOutputData: (1, True),
 }
-"""Bytes of each body, and whether it may be longer. Texts count their bytes themselves."""
+"""Bytes of each body, and whether it may be longer. Texts contain their lengths."""
 
 
 def packet_bytes(data: bytes | bytearray) -> int | None:
-    """Bytes of the packet that `data` begins with; None where there is no size, or a wrong one."""
+    """Return the size of the packet at the beginning of `data`; None if the size is missing or
+    wrong."""
     if len(data) < HEADER_BYTES:
         return None
     size = int(struct.unpack_from(">H", data)[0])
@@ -338,7 +339,7 @@ def packet_bytes(data: bytes | bytearray) -> int | None:
 
 
 def _verdict_and_layer(data: bytes, layers: Any) -> tuple[type[Packet] | None, str]:
-    """Return the layer of the packet that `data` begins with, or why there is none."""
+    """Return the layer of the packet at the beginning of `data`, or why there is none."""
     if not data:
         return None, "empty"
     if len(data) < HEADER_BYTES:
@@ -363,7 +364,7 @@ def _fits(layer: type[Packet], body: bytes) -> bool:
 
 
 def _counted(body: bytes) -> int:
-    """Return the bytes of a text message by its two lengths; -1 where they are missing."""
+    """Return the bytes of a text message by its two lengths; -1 if they are missing."""
     if not body or len(body) < 2 + body[0]:
         return -1
     return 3 + body[0] + body[1 + body[0]]
@@ -388,7 +389,7 @@ def _wrong_values(layer: Packet) -> Iterator[str]:
 
 
 def listed(text: bytes) -> tuple[str, ...]:
-    """Names or types, which commas part; one at the end parts nothing."""
+    """Split names or types at commas; a trailing one is ignored."""
     words = text.decode("utf-8", "replace").split(",")
     if not words[-1]:
         words.pop()
@@ -396,8 +397,8 @@ def listed(text: bytes) -> tuple[str, ...]:
 
 
 def values_of(types: Sequence[str], values: bytes) -> list[Any] | None:
-    """Return the values of a data packet whose recipe has these types, several as tuples; None if
-    they are not of these types."""
+    """Return the values of a data packet whose recipe has these types, arrays as tuples; None if
+    they do not fit."""
     found: list[Any] = []
     at = 0
     for kind in types:

@@ -3,14 +3,14 @@
 Positions are rad, speeds rad/s, accelerations rad/s² (m, m/s, m/s² for a linear axis), times s.
 Written from the protocol's description, independent of Cardan's codec.
 
-`SimpleMessage(data)` dissects the message `data` begins with to the layer of its type, or to
-SimpleMessageBroken where type or length is none that is known; it never raises. The rest of
-`data` is its payload, dissected likewise: a TCP segment can hold several messages.
+`SimpleMessage(data)` dissects the message at the beginning of `data` to the layer of its type, or
+to SimpleMessageBroken for an unknown type or length; it never raises. The rest of `data` is its
+payload, dissected likewise: a TCP segment can hold several messages.
 
-Byte order and size of the reals differ between controllers and are written nowhere. Each layer has
+Byte order and size of the reals differ between controllers and are not transmitted. Each layer has
 both as fields of no bytes, `byte_order` ("<" or ">") and `real_bytes` (4, or 8 with other vendors);
-dissecting finds the first by the prefix, the second by the length. Building fills in the prefix
-where it is not given, numbers of groups, and zeros up to the full length of a list.
+dissecting finds the first by the prefix, the second by the length. Building fills in a missing
+prefix, numbers of groups, and zeros up to the full length of a list.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ TIME, POSITION, VELOCITY, ACCELERATION = 1, 2, 4, 8
 
 
 def _numbered(names: dict[int, str]) -> dict[int, str]:
-    """Names of numbers that follow each other, from each key on; "-" stands for no name."""
+    """Return names of consecutive numbers, from each key on; "-" stands for no name."""
     return {
         number: name
         for first, each in names.items()
@@ -102,7 +102,7 @@ NOT_READY_SUBCODES = _numbered(
     }
 )
 SUBCODES = {
-    FAILURE: NOT_READY_SUBCODES,  # CHECK_MOTION_READY says FALSE with the subcodes of NOT_READY
+    FAILURE: NOT_READY_SUBCODES,  # CHECK_MOTION_READY returns FALSE with the subcodes of NOT_READY.
     INVALID: INVALID_SUBCODES,
     NOT_READY: NOT_READY_SUBCODES,
 }
@@ -121,7 +121,7 @@ ZEROS = (0.0,) * JOINTS
 
 
 def byte_order(data: bytes | bytearray) -> str:
-    """struct's sign for the byte order of a message, by its prefix."""
+    """Return struct's sign for the byte order of a message, by its prefix."""
     return "<" if LEAST_PREFIX <= int.from_bytes(data[:4], "little") <= MOST_PREFIX else ">"
 
 
@@ -161,7 +161,7 @@ class DhLink(NamedTuple):
 
 
 class _Described(Field[Any, Any]):
-    """A value of no bytes that says how the others are written."""
+    """Value of no bytes that describes the encoding of the others."""
 
     def addfield(self, pkt: Any, s: bytes, val: Any) -> bytes:
         return s
@@ -215,7 +215,7 @@ class UnsignedEnumField(_Word, EnumField[Any]):
 
 
 class GroupCountField(WordField):
-    """i32; when it is not given, as many as the list of groups has."""
+    """i32; default: number of records in the list of groups."""
 
     def addfield(self, pkt: Any, s: bytes, val: Any) -> bytes:
         return super().addfield(pkt, s, len(pkt.groups) if val is None else val)
@@ -274,7 +274,7 @@ class RecordsField(Field[Any, Any]):
         return [self.record(*record) for record in x or ()]
 
     def form(self, real_bytes: int) -> str:
-        """struct's letters of one record: the integers come first."""
+        """Return struct's letters of one record: the integers come first."""
         return f"{self.record_words}i{self.record_reals}{_letter(real_bytes)}"
 
     def addfield(self, pkt: Any, s: bytes, val: Any) -> bytes:
@@ -330,7 +330,7 @@ def _words(*names: str) -> list[Any]:
 
 
 def _reals(*names: str) -> list[Any]:
-    """Ten of each."""
+    """Return ten of each."""
     return [RealsField(name, []) for name in names]
 
 
@@ -343,7 +343,7 @@ HEADER_FIELDS = 6
 
 
 class SimpleMessage(Packet):
-    """A message of either way; dissects to the layer of its type."""
+    """Message of either direction; dissects to the layer of its type."""
 
     name = "simple message"
 
@@ -361,12 +361,12 @@ class SimpleMessage(Packet):
 
     @property
     def body_fields(self) -> list[Any]:
-        """The fields after the header."""
+        """Fields after the header."""
         return list(self.fields_desc[HEADER_FIELDS:])
 
 
 class _FrameField(StrField):
-    """The bytes of one message, or all where the prefix does not say how many."""
+    """Bytes of one message, or all if the prefix does not give their number."""
 
     def getfield(self, pkt: Any, s: bytes) -> tuple[bytes, bytes]:
         size = frame_bytes(s, byte_order(s)) or len(s)
@@ -374,7 +374,7 @@ class _FrameField(StrField):
 
 
 class SimpleMessageBroken(SimpleMessage):
-    """Bytes that are no known message; `reason` says why."""
+    """Bytes that are not a known message, with the `reason`."""
 
     fields_desc = [_FrameField("data", b"")]
 
@@ -406,7 +406,7 @@ class JointPosition(SimpleMessage):
 
 
 class JointTrajPt(SimpleMessage):
-    """Client to controller; what `velocity` is depends on the driver, often a ratio."""
+    """Client to controller; the meaning of `velocity` depends on the driver, often a ratio."""
 
     fields_desc = [
         *_header(11, REQUEST),
@@ -475,8 +475,8 @@ class MotionReply(SimpleMessage):
 
 
 class IoErrorReply(SimpleMessage):
-    """Type 2002 as the I/O server sends it: result and subcode where the group and the sequence
-    are, and zeros."""
+    """Type 2002 from the I/O server: result and subcode in place of group and sequence, and
+    zeros."""
 
     fields_desc = [
         *_header(2002, REPLY),
@@ -490,7 +490,8 @@ class IoErrorReply(SimpleMessage):
 def _io(
     name: str, request: int, reply: int, asked: str, answered: str
 ) -> tuple[type[SimpleMessage], type[SimpleMessage]]:
-    """The layers of a request of the I/O server and of its reply, which can have the same type."""
+    """Return the layers of a request to the I/O server and of its reply, which can have the same
+    type."""
 
     def layer(name: str, fields: list[Any], doc: str) -> type[SimpleMessage]:
         return type(
@@ -544,7 +545,7 @@ class JointTrajPtFullEx(SimpleMessage):
 
 
 class JointFeedbackEx(SimpleMessage):
-    """Controller to client; room for four groups whatever their number; 17 in old captures."""
+    """Controller to client; always with room for four groups; 17 in old captures."""
 
     fields_desc = [
         *_header(2017, TOPIC),
@@ -649,7 +650,7 @@ SENT: tuple[tuple[type[Packet], dict[str, int], tuple[type[SimpleMessage], ...]]
     (UDP, {"dport": SIMPLE_MESSAGE_RT_PORT}, (RtJointState,)),
     (UDP, {"sport": SIMPLE_MESSAGE_RT_PORT}, (RtJointCommand,)),
 )  # fmt: skip
-"""Every layer, by its transport and the port that it goes to or comes from."""
+"""All layers, by transport and the port of the controller."""
 
 
 def _catalog() -> dict[int, tuple[type[SimpleMessage], ...]]:
@@ -665,7 +666,7 @@ CATALOG = _catalog()
 
 
 def _fixed_bytes(layer: type[Packet], real_bytes: int) -> int:
-    """Bytes of a body without its records."""
+    """Return the bytes of a body without its records."""
     body: Any = layer.fields_desc[HEADER_FIELDS:]
     return sum(4 * field.words + real_bytes * field.reals for field in body)
 
@@ -689,7 +690,7 @@ def _fit(layer: type[Packet], data: bytes) -> int:
 
 
 def _counts(layer: type[Packet], records: RecordsField, data: bytes, order: str) -> range:
-    """The numbers of records there can be."""
+    """Return the possible numbers of records."""
     if records.record is DhLink:
         return range(LINKS, LINKS + 1)
     words = [field.name for field in layer.fields_desc[HEADER_FIELDS:]]
@@ -703,8 +704,8 @@ def _counts(layer: type[Packet], records: RecordsField, data: bytes, order: str)
 
 
 def frame_bytes(data: bytes, order: str) -> int | None:
-    """Bytes of the message `data` begins with by its prefix; None when there is no such prefix or
-    not all of the message."""
+    """Return the bytes of the message at the beginning of `data` by its prefix; None without a
+    valid prefix or a whole message."""
     if len(data) < PREFIX_BYTES:
         return None
     prefix = struct.unpack_from(f"{order}i", data)[0]
@@ -714,7 +715,7 @@ def frame_bytes(data: bytes, order: str) -> int | None:
 
 
 def _verdict_and_layer(data: bytes) -> tuple[type[SimpleMessage] | None, str]:
-    """Return the layer of the message `data` begins with, or why there is none."""
+    """Return the layer of the message at the beginning of `data`, or why there is none."""
     if not data:
         return None, "empty"
     if len(data) < PREFIX_BYTES:
@@ -738,7 +739,8 @@ def _verdict_and_layer(data: bytes) -> tuple[type[SimpleMessage] | None, str]:
 
 
 def _is_io_error(data: bytes, msg_type: int, order: str) -> bool:
-    """A genuine reply has a command; the I/O server's leaves everything after two words zero."""
+    """Return True for an I/O error: a genuine reply has a command; the I/O server's is zero after
+    two words."""
     if msg_type != 2002:
         return False
     end = PREFIX_BYTES + struct.unpack_from(f"{order}i", data)[0]

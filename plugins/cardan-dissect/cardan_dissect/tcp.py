@@ -1,7 +1,7 @@
 """Reassembly of one direction of a TCP connection: segments in any order to bytes in order.
 
-Segments that overlap, come twice, come early or are missing in the capture are dealt with here; a
-protocol's reader cuts messages out of the bytes.
+Handles segments that overlap, repeat, arrive early or are missing in the capture; a protocol's
+reader splits the bytes into messages.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ FARTHEST_BACK = 2**20
 
 
 class Begin(NamedTuple):
-    """A connection begins: the bytes that follow are its first."""
+    """Beginning of a connection: the bytes that follow are its first."""
 
 
 class Bytes(NamedTuple):
-    """The next bytes of the stream."""
+    """Next bytes of the stream."""
 
     data: bytes
     time_ns: int
-    """When they could be read: when the hole before them was filled, or, after a hole of the
-    capture, when they came."""
+    """Time at which they could be read: when the hole before them was filled, or, after a hole in
+    the capture, when they arrived."""
 
 
 class Gap(NamedTuple):
@@ -38,20 +38,20 @@ class Gap(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """Bytes that came and that the capture did not keep."""
+    """Bytes that were sent but that the capture did not keep."""
 
     size: int
 
 
 class End(NamedTuple):
-    """The connection has ended."""
+    """End of the connection."""
 
 
 Event = Begin | Bytes | Gap | Cut | End
 
 
 class _Held(NamedTuple):
-    """A segment that came before the bytes in front of it."""
+    """Segment that arrived before the bytes in front of it."""
 
     sequence: int
     payload: bytes
@@ -66,10 +66,10 @@ class TcpStream:
     def __init__(self) -> None:
         self.segments = self.retransmitted = self.reordered = self.gaps = self.lost_bytes = 0
         self.cut = 0
-        """Segments of which the capture lacks the end."""
+        """Number of segments of which the capture lacks the end."""
         self._next: int | None = None
         self._begun = False
-        """Whether there were bytes since the connection's beginning."""
+        """True if bytes followed the connection's beginning."""
         self._held: list[_Held] = []
         self._held_since_ns = 0
 
@@ -78,7 +78,7 @@ class TcpStream:
         sequence, payload, missing = segment.sequence, segment.payload, segment.missing
         if segment.flags & TCP_SYN:
             start = (sequence + 1) % SEQUENCE_MODULUS
-            if start != self._next or self._begun:  # else the same SYN again
+            if start != self._next or self._begun:  # Otherwise a repeated SYN.
                 yield from self._end()
                 self._next = start
                 yield Begin()
@@ -100,7 +100,7 @@ class TcpStream:
             yield from self._give_up()
 
     def missing_before(self, sequence: int) -> int:
-        """Bytes before `sequence` that have not come, 0 where the stream has ended."""
+        """Return the number of missing bytes before `sequence`; 0 after the end of the stream."""
         return 0 if self._next is None else max(0, self._ahead(sequence))
 
     def _take(self, segment: _Held) -> Iterator[Event]:
@@ -150,15 +150,15 @@ class TcpStream:
             yield Cut(cut)
 
     def _release(self, time_ns: int | None) -> Iterator[Event]:
-        """Yield held segments that are not ahead any more. They could not be read before `time_ns`,
-        when the hole was filled; None: the capture lacks it, and they could when they came."""
+        """Yield held segments that are not ahead any more. They became readable at `time_ns`, when
+        the hole was filled; None: the capture lacks it, and they were readable on arrival."""
         while ready := next((h for h in self._held if self._ahead(h.sequence) <= 0), None):
             self._held.remove(ready)
             when_ns = ready.time_ns if time_ns is None else time_ns
             yield from self._append(ready._replace(time_ns=when_ns))
 
     def _give_up(self) -> Iterator[Event]:
-        """Give up the missing bytes."""
+        """Skip the missing bytes."""
         nearest = min(self._ahead(held.sequence) for held in self._held)
         self.gaps += 1
         self.lost_bytes += nearest

@@ -1,4 +1,4 @@
-"""USB request blocks as Linux usbmon writes them into a capture.
+"""USB request blocks in captures of Linux usbmon.
 
 Layout of ``struct usbmon_packet`` in the kernel's Documentation/usb/usbmon.rst, in the byte order
 of the capturing machine: 48 bytes (link type 189) or 64 bytes (220), then the data.
@@ -27,14 +27,14 @@ class Urb(NamedTuple):
     direction: Direction
     device: int
     bus: int
-    status: int  # 0, or a negative errno on completion
-    setup: bytes | None  # of a control submission
+    status: int  # 0, or a negative errno on completion.
+    setup: bytes | None  # For a control submission.
     data: bytes
     cut: bool
 
 
 def parse(packet: CapturedPacket) -> Urb | None:
-    """The request block in a packet; None where there is none or its header is cut."""
+    """Return the request block in a packet; None if there is none or its header is cut."""
     header_bytes = HEADER_BYTES.get(packet.link_type)
     if header_bytes is None or len(packet.data) < header_bytes:
         return None

@@ -38,7 +38,8 @@ class CameraOptions(ListenerOptions):
     """Options of the filter ``camera``."""
 
     camera_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
-    """The camera (x right, y down, z where it looks) in the TCP: roll, pitch, yaw, Rz·Ry·Rx."""
+    """Pose of the camera (x right, y down, z along the view) in the TCP: roll, pitch, yaw,
+    Rz·Ry·Rx."""
     gain_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 0.1
     """Turning speed when the target is at the image's edge."""
     permanence_s: Annotated[float, TARGET_AGE_S] = 0.5
@@ -46,7 +47,7 @@ class CameraOptions(ListenerOptions):
 
 
 class CameraFilter(TwistFilter):
-    """Lets a camera direct an advance; without a target the operator's twist is unchanged."""
+    """Filter in which a camera directs an advance; without a target the twist is unchanged."""
 
     Options = CameraOptions
 
@@ -61,15 +62,15 @@ class CameraFilter(TwistFilter):
         self._seen_s = NEVER_S
         self._sender = SOMEBODY
         self._disputed_s = NEVER_S
-        """When two senders last saw the target at once: whom to follow is not known."""
+        """Time when two senders last saw the target at once: which one to follow is unknown."""
         self._directs = self._disputed = False
 
     def open(self) -> None:
-        """Listen for targets. Raises AddressError when that is not possible there."""
+        """Listen for targets. Raises AddressError if that is not possible."""
         self.listener.open()
 
     def close(self) -> None:
-        """Stop listening and forget the target."""
+        """Stop listening and discard the target."""
         self.listener.close()
         self._seen_s = self._disputed_s = NEVER_S
         self._directs = self._disputed = False
@@ -87,7 +88,7 @@ class CameraFilter(TwistFilter):
         return None
 
     def apply(self, twist: Twist, robot: RobotState) -> Twist:
-        """`twist`, or its advance along the camera's axis and a turn towards the target."""
+        """Return `twist`, or its advance along the camera's axis with a turn towards the target."""
         self.listener.drain(robot.stamp_s)
         self._directs = False
         permanence_s = self.options.permanence_s
@@ -107,13 +108,13 @@ class CameraFilter(TwistFilter):
         return Twist(scale(axis, advance_m_s), turn, twist.frame)
 
     def status(self) -> str:
-        """Whether the camera directs the motion, and why it does not where two send targets."""
+        """Tell whether the camera directs the motion, or that two senders report targets."""
         if self._disputed:
             return "two programs send targets: the camera gives no direction"
         return "the camera gives the direction" if self._directs else ""
 
     def describe(self) -> str:
-        """Gain, permanence and place."""
+        """Describe gain, permanence and address."""
         options = self.options
         return (
             f"turns an advance towards the target, up to {options.gain_rad_s:g} rad/s, for "

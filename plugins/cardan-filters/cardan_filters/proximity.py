@@ -55,7 +55,8 @@ class PeakFilter:
         self._history: deque[tuple[float, ...]] = deque(maxlen=PEAK_READINGS)
 
     def apply(self, values: tuple[float, ...]) -> tuple[float, ...]:
-        """The reading without its spikes; a reading of another length starts anew."""
+        """Return the reading without its spikes; a reading of another length restarts the
+        history."""
         history = self._history
         if history and len(history[0]) != len(values):
             history.clear()
@@ -74,11 +75,10 @@ class PeakFilter:
 
 
 MAX_SENDERS = 8
-"""Senders whose readings are told apart; readings of a further sender stop the motion."""
+"""Most senders whose readings are distinguished; readings of a further sender stop the motion."""
 
 FORGET_AFTER_S = 2.0
-"""How long a sender is silent before it may be forgotten: a sensor's program starts anew sooner or
-says nothing for longer."""
+"""Silence after which a sender may be dropped: a restarting program takes less."""
 
 REST_S = 1.0
 """Time without requested motion before a silent sender is forgotten: longer than a hand pauses
@@ -86,7 +86,7 @@ during a motion."""
 
 
 class _Sender:
-    """The newest reading of a program, and when it came."""
+    """Newest reading of a program, and its time."""
 
     __slots__ = ("level", "level_s", "peaks")
 
@@ -109,7 +109,7 @@ class ProximityOptions(ListenerOptions):
     peak_filter: bool = True
     """Single spikes are held back, which makes a real rise four readings late."""
     max_age_s: Annotated[float, READING_AGE_S] = 0.3
-    """Oldest reading that still counts."""
+    """Age of the oldest reading that still counts."""
     when_stale: Literal["stop", "half", "pass"] = "stop"
     """Reaction when no reading counts; half: half speed."""
 
@@ -129,18 +129,18 @@ class ProximityFilter(TwistFilter):
         self.listener = DatagramListener(self.options.place("proximity"), self._take)
         self._senders: dict[Sender, _Sender] = {}
         self._crowded_s = NEVER_S
-        """When a reading of one sender too many came."""
+        """Time of a reading from one sender too many."""
         self._rest_s = math.nan
         """Time since which the operator requests no motion; NaN: motion is requested."""
         self._forget()
         self._now_s = NEVER_S
 
     def open(self) -> None:
-        """Listen for readings. Raises AddressError when that is not possible there."""
+        """Listen for readings. Raises AddressError if that is not possible."""
         self.listener.open()
 
     def close(self) -> None:
-        """Stop listening and forget the readings."""
+        """Stop listening and discard the readings."""
         self.listener.close()
         self._forget()
 
@@ -148,13 +148,13 @@ class ProximityFilter(TwistFilter):
         self._senders.clear()
         self._crowded_s = NEVER_S
         self._level = 0.0
-        """The largest level of a reading that counts."""
+        """Largest level of the readings that count."""
         self._level_s = NEVER_S
-        """When the newest reading of any sender came."""
+        """Time of the newest reading of any sender."""
         self._silent = True
-        """A sender is silent, or nothing was heard."""
+        """True if a sender is silent, or none was heard."""
         self._silent_s = NEVER_S
-        """Time of the last reading of the sender that is silent longest."""
+        """Time of the last reading of the sender that has been silent longest."""
 
     def _take(self, data: bytes, received_s: float, sender: Sender) -> Malformed | None:
         values = decode_proximity(data)
@@ -184,7 +184,7 @@ class ProximityFilter(TwistFilter):
         return not self._is_old(self._crowded_s)
 
     def _check(self) -> None:
-        """Find the level and the silence of all senders at this time."""
+        """Compute level and silence of all senders at this time."""
         self._level, self._level_s = 0.0, NEVER_S
         self._silent, self._silent_s = not self._senders, math.inf
         for each in self._senders.values():
@@ -196,7 +196,7 @@ class ProximityFilter(TwistFilter):
                 self._level = max(self._level, each.level)
 
     def _rest(self, twist: Twist) -> None:
-        """Forget senders that fell silent, where the operator rests and another one is heard."""
+        """Drop silent senders if the operator rests and another sender is heard."""
         if any(twist.linear) or any(twist.angular):
             self._rest_s = math.nan
             return
@@ -212,7 +212,7 @@ class ProximityFilter(TwistFilter):
         self._check()
 
     def _factor(self) -> float:
-        """The share of the operator's speed that is left."""
+        """Return the remaining share of the operator's speed."""
         options = self.options
         if self._crowded:
             return 0.0
@@ -223,7 +223,7 @@ class ProximityFilter(TwistFilter):
         return min(silent, near)
 
     def apply(self, twist: Twist, robot: RobotState) -> Twist:
-        """`twist`, half of it, or none of it."""
+        """Return `twist`, half of it, or zero."""
         self._now_s = robot.stamp_s
         self.listener.drain(robot.stamp_s)
         self._check()
@@ -236,7 +236,7 @@ class ProximityFilter(TwistFilter):
         return Twist(scale(twist.linear, factor), scale(twist.angular, factor), twist.frame)
 
     def status(self) -> str:
-        """Why the motion is slower than asked."""
+        """Explain why the motion is slower than requested."""
         result = {0.0: "stopped", 0.5: "half speed"}.get(self._factor(), "")
         options = self.options
         if self._crowded:
@@ -260,7 +260,7 @@ class ProximityFilter(TwistFilter):
         return near if result else ""
 
     def describe(self) -> str:
-        """Thresholds, place, and what happens without readings."""
+        """Describe thresholds, address, and the reaction without readings."""
         options = self.options
         slow = f"half speed above {options.alert_low:g}, " if options.half_speed else ""
         without = {"stop": "stop", "half": "half speed"}.get(options.when_stale, "full speed")

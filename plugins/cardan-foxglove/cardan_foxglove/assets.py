@@ -1,4 +1,4 @@
-"""Files of URDF packages, meshes above all, for clients that show a robot."""
+"""Files of URDF packages, mainly meshes, for clients that show a robot."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ KINDS = frozenset(
         *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"),
     )
 )
-"""Extensions of served files: those of a robot's appearance, and no others of a package."""
+"""Extensions of served files: those that define a robot's appearance."""
 
 _SCHEME = "package://"
 
 
 class AssetError(ValueError):
-    """No such file for clients; the text says why."""
+    """File that is not served, with the reason."""
 
 
 class Packages:
-    """The files below some packages' folders, by ``package://NAME/PATH``."""
+    """Files in the folders of some packages, by ``package://NAME/PATH``."""
 
     def __init__(self, folders: Sequence[str]) -> None:
         """`folders` are those of packages with their ``package.xml``; without it a package has the
@@ -47,7 +47,7 @@ class Packages:
 
     def read(self, uri: str) -> bytes:
         """Return the content of a file. Raises AssetError for a file outside the package's folder,
-        links followed, and for a file of another kind."""
+        after links are resolved, and for a file of another kind."""
         if not uri.startswith(_SCHEME):
             raise AssetError(f"{shown(uri)} cannot be had here: only {_SCHEME}NAME/PATH can")
         name, _, rest = unquote(uri.removeprefix(_SCHEME)).partition("/")
@@ -66,7 +66,7 @@ class Packages:
                 raise AssetError(f"{shown(uri)} is neither a mesh nor an image")
             with open_file(path) as file:
                 data = file.read(MAX_ASSET_BYTES + 1)
-        except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle, Python < 3.13.
+        except (OSError, RuntimeError) as error:  # RuntimeError: cycle of links, Python < 3.13.
             why = getattr(error, "strerror", None) or error
             raise AssetError(f"{shown(uri)} cannot be read: {why}") from None
         if len(data) > MAX_ASSET_BYTES:

@@ -1,7 +1,7 @@
-"""A client's connection to the Foxglove server: a foxglove-sdk server for it alone, and a relay.
+"""Connection of a client to the Foxglove server: its own foxglove-sdk server, and a relay.
 
-The SDK has topics, services, assets and the graph. Its callbacks must not wait, and it does not
-tell clients apart, so parameters and the reasons of refusals are answered here. The queue for a
+The SDK serves topics, services, assets and the graph. Its callbacks must not wait, and it does not
+distinguish clients; thus parameters and the reasons of refusals are answered here. The queue for a
 slow client is bounded as in every server: the newest message of each topic wins.
 """
 
@@ -47,25 +47,25 @@ from cardan_foxglove.assets import Packages
 from cardan_foxglove.protocol import CDR, JSON, ROS2MSG
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
-"""Where a simulation or a replay says its time."""
+"""Topic of the time of a simulation or a replay."""
 
 BACKLOG = 256
-"""Frames that the SDK keeps for us; we read them as they come, so it is never full for long."""
+"""Frames that the SDK queues for the relay, which reads them at once."""
 
 MAX_CALLS = 100
-"""Most calls of a client that have no answer yet, and most requests for parameters."""
+"""Most unanswered calls of a client, and most requests for parameters."""
 
 MAX_SUBSCRIPTIONS = 1000
 """Most subscriptions of a client."""
 
 MAX_REPORTED = 1000
-"""Most refusals that are remembered, so that none is reported twice in a row."""
+"""Most refusals that are remembered, to avoid repeated reports."""
 
 INTRODUCTION_S = 5.0
-"""Longest wait for the SDK's server to know its client."""
+"""Longest wait for the SDK's server to identify its client."""
 
 _CHANNEL = 2**32 - 1
-"""Of the introduction; it is taken back before the client may use the number."""
+"""Channel of the introduction; it is unadvertised before the client may use the number."""
 
 _REFUSALS = (
     RefusedError,
@@ -94,7 +94,7 @@ def sdk() -> Any:
 
 
 class AdvertisedGraph(NamedTuple):
-    """Topics and services that clients see."""
+    """Topics and services visible to clients."""
 
     topics: Mapping[str, Topic]
     services: Mapping[str, ServiceInfo]
@@ -111,7 +111,7 @@ NEWEST, ALL = Pace(0.0, 0), Pace(0.0, LATCHED_DEPTH)
 
 
 class FoxgloveSubscription(TopicSubscription[int, Any]):
-    """A topic on its way to the SDK's channels of all clients, by the channels' numbers."""
+    """Topic that is forwarded to the SDK's channels of all clients, by the channels' numbers."""
 
     def _hear(self, cdr: bytes, stamp_ns: int) -> None:
         for channel in list(self.receivers.values()):
@@ -122,26 +122,26 @@ FoxgloveSubscriptions = SharedSubscriptions[FoxgloveSubscription]
 
 
 def shared_subscriptions(network: Network) -> FoxgloveSubscriptions:
-    """The subscriptions of a server."""
+    """Return the subscriptions of a server."""
     return SharedSubscriptions(partial(FoxgloveSubscription, network))
 
 
 class _Channel(NamedTuple):
-    """A topic that the client sees."""
+    """Topic that the client sees."""
 
     topic: Topic
     channel: Any
 
 
 class _Published(NamedTuple):
-    """A channel that the client publishes on."""
+    """Channel that the client publishes on."""
 
     topic: str
     encoding: str
 
 
 class FoxgloveConnection:
-    """A connected client, in a loop; leaving the ``async with`` takes all that it had from it."""
+    """Connected client in an event loop; leaving the ``async with`` removes all that it had."""
 
     def __init__(
         self,
@@ -159,8 +159,8 @@ class FoxgloveConnection:
         max_bytes: int,
         service_timeout_s: float,
     ) -> None:
-        """`network`: of this client alone. `max_bytes`: of messages other than publications that
-        the client has not read yet."""
+        """`network`: of this client alone. `max_bytes`: limit of unread messages other than
+        publications."""
         self._connection, self._peer = connection, peer
         self._network, self._caller, self._mailbox = network, caller, mailbox
         self._shared_subscriptions, self._counts, self._packages = subscriptions, counts, packages
@@ -180,7 +180,7 @@ class FoxgloveConnection:
         self._topic_of: dict[int, str] = {}
         self._joined: dict[int, FoxgloveSubscription] = {}
         self._late_calls: dict[int, float] = {}
-        """How long calls waited, in s, that waited for too long to act on, by their numbers."""
+        """Waiting time, s, of calls that waited too long to be executed, by their numbers."""
         self._services: dict[str, str] = {}
         self._graph: AdvertisedGraph | None = None
         self._streams: dict[int, TopicQueue[Pace, bytes]] = {}
@@ -193,9 +193,9 @@ class FoxgloveConnection:
         self._gone = False
         self._introduced = asyncio.Event()
         self._name = secrets.token_hex(16)
-        """Secret that proves to the SDK's server which of its clients we are."""
+        """Secret that identifies the relay among the clients of the SDK's server."""
         self._id: int | None = None
-        """Of the SDK, for our connection to its server."""
+        """The SDK's id of the relay's connection to its server."""
 
     async def __aenter__(self) -> FoxgloveConnection:
         foxglove = sdk()
@@ -240,13 +240,13 @@ class FoxgloveConnection:
     async def __aexit__(self, *_exception: object) -> None:
         self._leave()
         await self._sender.__aexit__()
-        # Without a farewell, which the SDK's server, once it has ended, does not answer.
+        # Without a close handshake, which an ended SDK server does not answer.
         self._inner.transport.abort()
         await self._inner.wait_closed()
 
     async def _introduce(self) -> None:
-        """Prove to the SDK's server which of its clients we are: any other client has bypassed the
-        access control of the listener."""
+        """Identify the relay to the SDK's server: any other client has bypassed the access control
+        of the listener."""
         await self._inner.send(protocol.advertise(_CHANNEL, self._name))
         try:
             await asyncio.wait_for(self._introduced.wait(), INTRODUCTION_S)
@@ -306,7 +306,7 @@ class FoxgloveConnection:
         return known is not None and is_stale(known.topic, self._connection.waited_s)
 
     def _note_late(self, number: int) -> None:
-        """Note how long a call of a service waited, for when the SDK has read it."""
+        """Record how long a service call waited, until the SDK has read it."""
         waited_s = self._connection.waited_s
         if waited_s > STALE_S:
             if len(self._late_calls) > MAX_CALLS:
@@ -316,7 +316,7 @@ class FoxgloveConnection:
             self._late_calls.pop(number, None)
 
     def _expect(self, asked: protocol.Subscribe) -> bool:
-        """Make ready for the messages of subscriptions; false: there are too many."""
+        """Prepare for the messages of subscriptions; return False if there are too many."""
         if len(self._streams) + len(asked.subscriptions) > MAX_SUBSCRIPTIONS:
             self._refuse("subscribe", f"more than {MAX_SUBSCRIPTIONS} subscriptions")
             return False
@@ -328,8 +328,8 @@ class FoxgloveConnection:
         return True
 
     async def _pump(self) -> None:
-        """Relay the SDK's frames. Frames that must not be dropped wait for the client; of messages,
-        only the newest wait."""
+        """Relay the SDK's frames. Frames that must not be dropped wait for the client; of messages
+        only the newest waits."""
         try:
             async for frame in self._inner:
                 if isinstance(frame, bytes):
@@ -355,13 +355,13 @@ class FoxgloveConnection:
             sender.wake()
 
     async def _close(self, reason: str) -> None:
-        """End the connection, which ends all else."""
+        """Close the connection, which ends all else."""
         if not self._gone:
             _log.warning("%s is closed: %s", self._peer, reason)
             await self._connection.close(1011, reason)
 
     def _refuse(self, identity: str, reason: str) -> None:
-        """Tell the client why, once."""
+        """Report a refusal to the client, once."""
         self._counts["refused"] += 1
         if self._reported.get(identity) == reason:
             return
@@ -373,14 +373,14 @@ class FoxgloveConnection:
         self._sender.send(protocol.status(protocol.ERROR, reason, identity))
 
     def tell_refused(self, command: str, reason: str) -> None:
-        """Tell the client that an arm has refused its command."""
+        """Report to the client that an arm has refused its command."""
         if not self._gone:
             self._refuse(f"command {command}", reason)
 
     # -- what there is on the network ------------------------------------------------------------
 
     def show(self, now: AdvertisedGraph) -> None:
-        """Show these topics and services to the client, and no others."""
+        """Show exactly these topics and services to the client."""
         if self._gone:
             return
         self._show_topics(now.topics)
@@ -409,7 +409,7 @@ class FoxgloveConnection:
             text = "" if name in self._channels else definition(topic.type)
             if text:
                 schema = sdk().Schema(name=topic.type, encoding=ROS2MSG, data=text.encode())
-                # Not by the SDK's class Channel, which keeps each one for ever.
+                # Without the SDK's class Channel, which keeps each one for ever.
                 channel = self._context._create_channel(name, message_encoding=CDR, schema=schema)
                 self._channels[name] = _Channel(topic, channel)
                 self._topic_of[channel.id()] = name
@@ -432,7 +432,7 @@ class FoxgloveConnection:
             self._server.add_services(new)
 
     def _service(self, name: str, type_name: str) -> Any:
-        """A service as the SDK has it; None of a type that Cardan does not know."""
+        """Return a service for the SDK; None for a type that Cardan does not know."""
         foxglove = sdk()
         try:
             kind = service_type(type_name)
@@ -470,13 +470,13 @@ class FoxgloveConnection:
             self._shared_subscriptions.leave(subscription, channel_id)
 
     def _rejoin(self, channel_id: int) -> None:
-        """A topic that is latched now: begin with its last messages."""
+        """Restart a topic that is latched now with its last messages."""
         if channel_id in self._joined:
             self._unsubscribe(channel_id)
             self._subscribe(channel_id)
 
     def _hear_clock(self, cdr: bytes, _stamp_ns: int) -> None:
-        """In any thread."""
+        """Store the time; called in any thread."""
         clock = codec_of(CLOCK_TYPE).decode(cdr)
         if not isinstance(clock, MalformedCdr):
             now = clock["clock"]
@@ -502,7 +502,7 @@ class FoxgloveConnection:
         if published is None or advertised is None:
             raise RefusedError(f"nothing is advertised as channel {number}")
         codec = codec_of(advertised.type)
-        # Later ones may have been handed on since, until the SDK hands this one back.
+        # Later ones may have been forwarded since, until the SDK returns this one.
         since_ns = self._connection.since_ns
         if published.encoding == JSON:
             try:
@@ -517,7 +517,7 @@ class FoxgloveConnection:
     # -- services --------------------------------------------------------------------------------
 
     def _called(self, name: str, type_name: str, request: Any) -> bytes:
-        """Call a service; in a thread of the SDK that may wait. The SDK reports exceptions."""
+        """Call a service; runs in a thread of the SDK that may wait. The SDK reports exceptions."""
         if request.client_id != self._id:
             self._mailbox.put(self._intruded)
             raise CallError("come in by the front")
@@ -557,7 +557,7 @@ class FoxgloveConnection:
         self._start(self._next(answering))
 
     async def _next(self, answering: Coroutine[Any, Any, None]) -> None:
-        """Answer requests one after the other: two changes of a parameter keep their order."""
+        """Answer requests one after the other, which keeps the order of changes of a parameter."""
         try:
             async with self._in_order:
                 await answering
@@ -588,7 +588,7 @@ class FoxgloveConnection:
         self._sender.send(protocol.parameter_values(_entries(values), asked.id))
 
     async def _values(self, names: Sequence[str]) -> dict[str, Message]:
-        """Return the values of these parameters; tell the client which are unavailable."""
+        """Return the values of these parameters; report unavailable ones to the client."""
         of_node: dict[str, list[str]] = {}
         for name in names:
             try:
@@ -606,7 +606,7 @@ class FoxgloveConnection:
             return {}
 
     def tell_parameters(self, node: str, parameters: Sequence[Message]) -> None:
-        """Parameters of a node have changed: for those that the client subscribed to."""
+        """Send changed parameters of a node that the client subscribed to."""
         reported = []
         for each in parameters:
             name = protocol.client_name(node, each["name"])
@@ -626,14 +626,14 @@ class FoxgloveConnection:
     # -- what the SDK says, in threads of its own ------------------------------------------------
 
     def heard(self, client: Any, act: Callable[..., None], identity: str, *given: Any) -> None:
-        """Pass a request of the SDK's server to the loop, if its client is ours."""
+        """Pass a request of the SDK's server to the loop, if it comes from the relay."""
         if client.id == self._id:
             self._mailbox.put(partial(self._do, act, identity, *given))
         else:
             self._mailbox.put(self._intruded)
 
     def met(self, client: Any, topic: str) -> bool:
-        """Whether a client advertises what we are known by."""
+        """Return True if a client advertises the relay's secret name."""
         if self._id is not None or not secrets.compare_digest(topic.encode(), self._name.encode()):
             return False
         self._id = client.id
@@ -668,7 +668,7 @@ class FoxgloveConnection:
             _log.error("%s met with a fault of this server", self._peer, exc_info=fault)
 
     def _leave(self) -> None:
-        """Take from the network all that the client had there, and end its server."""
+        """Remove all that the client had from the network, and end its server."""
         if self._gone:
             return
         self._gone = True
@@ -688,7 +688,7 @@ class FoxgloveConnection:
 
 
 class _Listener:
-    """Callbacks of the SDK, called in its own threads: nothing here waits."""
+    """Callbacks of the SDK, called in its own threads; none of them waits."""
 
     def __init__(self, client: FoxgloveConnection) -> None:
         self._client = client
@@ -735,17 +735,17 @@ class _Listener:
 
 
 def _hidden_address() -> str:
-    """Return an unguessable loopback address: with the port one of 10^12."""
+    """Return an unguessable loopback address: one of 10^12 together with the port."""
     return f"127.{'.'.join(str(1 + secrets.randbelow(254)) for _ in range(3))}"
 
 
 async def _connected(host: str, port: int) -> ClientConnection:
-    """A client of a server of the SDK."""
+    """Connect as a client to a server of the SDK."""
     sock = socket.socket()
     sock.setblocking(False)
     try:
         await asyncio.get_running_loop().sock_connect(sock, (host, port))
-        # With a socket of ours no proxy is asked for this machine.
+        # An own socket keeps a proxy from being used for this machine.
         return await connect(
             f"ws://{host}:{port}",
             sock=sock,
@@ -766,7 +766,7 @@ def _type_of(services: Mapping[str, ServiceInfo], name: str) -> str:
 
 
 def _entries(values: Mapping[str, Message]) -> list[dict[str, Any]]:
-    """Parameters as clients read them."""
+    """Return parameters in the form for clients."""
     found = []
     for name, value in values.items():
         node, _, parameter = name.partition(":")

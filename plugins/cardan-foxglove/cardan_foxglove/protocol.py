@@ -1,5 +1,5 @@
-"""Foxglove WebSocket protocol, v1, as far as foxglove-sdk's server does not do it: parameters, and
-headers of frames that are relayed.
+"""Parts of the Foxglove WebSocket protocol, v1, that foxglove-sdk's server does not implement:
+parameters, and headers of relayed frames.
 
 Source: foxglove/ws-protocol, docs/spec.md; the messages of foxglove-sdk 0.30 are the same under
 another name of the sub-protocol.
@@ -21,16 +21,16 @@ from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.parameters import ParameterKind, content_of, value_of
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""Subprotocols that clients may ask for; their messages are the same."""
+"""Subprotocols that clients may request; their messages are the same."""
 
 CDR, JSON, ROS2MSG = "cdr", "json", "ros2msg"
-"""Encodings of messages, and of their definitions."""
+"""Encodings of messages and their definitions."""
 
 WARNING, ERROR = 1, 2
 """Levels of a status."""
 
 MOST_NAMES = 1000
-"""Most parameters or subscriptions in one message that is read here."""
+"""Most parameters or subscriptions in one parsed message."""
 
 _MESSAGE_DATA, _TIME, _CLIENT_MESSAGE_DATA = 1, 2, 1
 _DATA_HEADER = struct.Struct("<BIQ")
@@ -43,7 +43,7 @@ _FLOAT64, _FLOAT64_ARRAY, _BYTE_ARRAY = "float64", "float64_array", "byte_array"
 
 
 class Subscription(NamedTuple):
-    """A client's own number for a channel that it subscribes to."""
+    """Number that a client assigns to a channel that it subscribes to."""
 
     id: int
     channel: int
@@ -77,11 +77,11 @@ class SetParameters(NamedTuple):
 
 
 class Given(NamedTuple):
-    """A parameter as a client gives it."""
+    """Parameter from a client."""
 
     name: str
     value: Any
-    """None: it is to be deleted."""
+    """None: delete it."""
     type: str
 
 
@@ -144,7 +144,7 @@ def _identity(found: dict[str, Any]) -> str | None:
 
 
 def subscription_of(frame: bytes) -> int | None:
-    """The subscription that a server's binary frame has a message of; None: it is no message."""
+    """Return the subscription of the message in a server's binary frame; None: no message."""
     if len(frame) < _DATA_HEADER.size or frame[0] != _MESSAGE_DATA:
         return None
     number: int = _DATA_HEADER.unpack_from(frame)[1]
@@ -152,12 +152,12 @@ def subscription_of(frame: bytes) -> int | None:
 
 
 def is_time(frame: bytes) -> bool:
-    """Whether a server's binary frame says the time."""
+    """Return True if a server's binary frame carries the time."""
     return frame[:1] == bytes([_TIME])
 
 
 def published_channel(frame: bytes) -> int | None:
-    """The client's channel that its binary frame publishes on; None: it does not publish."""
+    """Return the client's channel of a publication in its binary frame; None: no publication."""
     if len(frame) < _CHANNEL.size or frame[0] != _CLIENT_MESSAGE_DATA:
         return None
     number: int = _CHANNEL.unpack_from(frame)[1]
@@ -174,23 +174,23 @@ def call_number(frame: bytes) -> int | None:
 
 
 def status(level: int, message: str, identity: str) -> str:
-    """A ``status``, in place of an earlier one with the same identity."""
+    """Encode a ``status`` that replaces an earlier one with the same identity."""
     return _object(op="status", level=level, message=message, id=identity)
 
 
 def advertise(channel: int, topic: str) -> str:
-    """A client's ``advertise`` of a channel that nothing is published on."""
+    """Encode a client's ``advertise`` of a channel without publications."""
     entry = {"id": channel, "topic": topic, "encoding": CDR, "schemaName": ""}
     return _object(op="advertise", channels=[entry])
 
 
 def unadvertise(channel: int) -> str:
-    """A client's ``unadvertise``."""
+    """Encode a client's ``unadvertise``."""
     return _object(op="unadvertise", channelIds=[channel])
 
 
 def parameter_values(parameters: Sequence[dict[str, Any]], identity: str | None) -> str:
-    """``parameterValues``, the answer to a request with this identity."""
+    """Encode ``parameterValues``, the reply to a request with this identity."""
     more = {} if identity is None else {"id": identity}
     return _object(op="parameterValues", parameters=list(parameters), **more)
 
@@ -214,7 +214,8 @@ def client_name(node: str, parameter: str) -> str:
 
 
 def parameter_entry(name: str, value: Message) -> dict[str, Any] | None:
-    """A parameter as clients read it; None where it is not set, or no number that JSON has."""
+    """Return a parameter in the form for clients; None if it is not set, or not representable in
+    JSON."""
     content = content_of(value)
     if content is None:
         return None
@@ -232,8 +233,8 @@ def parameter_entry(name: str, value: Message) -> dict[str, Any] | None:
 
 
 def given_value(given: Given, present_type: int) -> Message:
-    """The ``rcl_interfaces/msg/ParameterValue`` that a client gave; `present_type`: that of the
-    parameter now, to which whole numbers and empty lists conform. Raises ValueError."""
+    """Return the ``rcl_interfaces/msg/ParameterValue`` of a client's value; integers and empty
+    lists are converted to `present_type`, the parameter's type now. Raises ValueError."""
     content = given.value
     if content is None:
         return default_message("rcl_interfaces/msg/ParameterValue")

@@ -2,8 +2,8 @@
 
 `serve` runs it; the plug-in's README.md describes the protocol and the bounds of a client.
 
-The SDK has no access control. Therefore clients connect to a listener of ours, and behind it each
-has an SDK server of its own, at an address of this machine that only this process knows.
+The SDK has no access control. Therefore clients connect to Cardan's listener; behind it each has a
+separate SDK server at a loopback address that only this process knows.
 """
 
 from __future__ import annotations
@@ -41,39 +41,40 @@ from cardan_foxglove.client import AdvertisedGraph, FoxgloveConnection, sdk, sha
 from cardan_foxglove.protocol import SUBPROTOCOLS
 
 PORT = 8765
-"""Where Foxglove looks for a server."""
+"""Foxglove's default port."""
 
 LOOK_S = 0.25
-"""How often it looks what there is on the network."""
+"""Period of checks of the graph."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoxgloveOptions(WebOptions):
-    """How clients reach the server, and what they may do."""
+    """Access of clients to the server, and their rights."""
 
     port: Annotated[int, ANY_PORT] = PORT
     packages: tuple[str, ...] = ()
-    """Folders of URDF packages whose meshes clients get: of "package://NAME/PATH" in a robot's
+    """Folders of URDF packages whose meshes clients get, for "package://NAME/PATH" in a robot's
     description."""
 
 
 class FoxgloveServer:
-    """The server, in an asyncio loop: ``async with FoxgloveServer(network, options): ...``"""
+    """Server in an asyncio loop: ``async with FoxgloveServer(network, options): ...``"""
 
     def __init__(self, network: Network, options: FoxgloveOptions | None = None) -> None:
         """Raises ConfigurationError and ExtraMissingError."""
         sdk()
-        # It logs what clients send wrong, without end; they are told, and that is enough.
+        # The SDK logs clients' mistakes without limit; the clients get error replies, which
+        # suffice.
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)
         self.options = options or FoxgloveOptions()
         self.counts: Counter[str] = Counter()
         """"denied": connections without access; "refused": refused requests of clients;
         "superseded": publications replaced by newer ones; "too slow": clients that were closed for
-        not reading; "cut off": clients whose frames waited while this process stood still;
-        "stale": publications that waited for too long to be passed on; "backlogged": clients
-        that were disconnected because they send more than can be handled."""
+        not reading; "cut off": clients whose frames waited during a pause of this process; "stale":
+        publications that waited for too long to be passed on; "backlogged": clients that sent more
+        than can be handled and were disconnected."""
         self._network = network
         self._allowed = self.options.allowed
         self._packages = Packages(self.options.packages)
@@ -94,7 +95,7 @@ class FoxgloveServer:
 
     @property
     def port(self) -> int:
-        """The port it listens at."""
+        """Listening port."""
         return self._listener.port
 
     @property
@@ -118,7 +119,7 @@ class FoxgloveServer:
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
-        """Let all clients go, and what they had."""
+        """Disconnect all clients, and remove what they had."""
         await self._listener.close()
         self._refusals.end()
         if self._looking is not None:
@@ -158,7 +159,7 @@ class FoxgloveServer:
         return AdvertisedGraph(self._graph.topics(), self._graph.callable_services())
 
     async def _look(self) -> None:
-        """Update the clients' topics and services by changes of the network."""
+        """Update the clients' topics and services after changes of the graph."""
         before: AdvertisedGraph | None = None
         while True:
             await asyncio.sleep(LOOK_S)
@@ -174,7 +175,7 @@ class FoxgloveServer:
                 _log.exception("what is on the network cannot be shown")
 
     def _tell_event(self, cdr: bytes) -> None:
-        """Tell clients of parameters that have changed."""
+        """Send changed parameters to clients."""
         event = codec_of(EVENT).decode(cdr)
         if isinstance(event, MalformedCdr):
             return
@@ -198,7 +199,7 @@ def serve(
 
 @dataclass(frozen=True, kw_only=True)
 class FoxgloveServerOptions(Options):
-    """The bus behind the server, and the server."""
+    """Options of the bus and the server."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     server: FoxgloveOptions = field(default_factory=FoxgloveOptions)

@@ -66,9 +66,9 @@ class Jr3Can(Dissector):
         self._boards = set(numbers["jr3_nodes"])
         self._held: dict[int, deque[tuple[CapturedPacket, CapturedCanFrame]]] = {}
         self._forces: dict[int, int] = {}
-        """By the node: the counter of FORCES whose MOMENTS have not come."""
+        """Counter of the FORCES whose MOMENTS have not arrived, by node."""
         self._samples: dict[int, int] = {}
-        """By the node: the counter of the newest whole sample."""
+        """Counter of the newest complete sample, by node."""
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         frame = parse(packet)

@@ -77,12 +77,12 @@ def observation_names(joints: Sequence[str], gripper: bool) -> tuple[str, ...]:
 
 
 def pose_of(six: Sequence[float]) -> Pose:
-    """The pose of a position in m and a rotation vector in rad."""
+    """Return the pose of a position in m and a rotation vector in rad."""
     return Pose(Vector3(*six[:3]), from_rotation_vector(Vector3(*six[3:])), Frame.BASE)
 
 
 def six_of(pose: Pose) -> tuple[float, ...]:
-    """Position in m and rotation vector in rad of a pose."""
+    """Return position in m and rotation vector in rad of a pose."""
     return (*pose.position, *to_rotation_vector(normalized(pose.orientation)))
 
 

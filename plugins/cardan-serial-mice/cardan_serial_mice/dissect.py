@@ -2,12 +2,12 @@
 1003 to 4000, SpaceOrb 360.
 
 Counts are raw, in the device's own axes. Written from descriptions of the devices, independent of
-Cardan's codec, so that each can be checked against the other.
+Cardan's codec, for cross-checks.
 
 `MagellanPacket(data)` and `SpaceballPacket(data)` dissect one packet of the device with the CR at
-its end, `SpaceOrbPacket(data)` one from its header to its checksum; to a broken layer, whose
-`reason` says why, where the bytes are not a packet. They never raise. Checksums and codes are
-counted when a packet is built.
+its end, `SpaceOrbPacket(data)` one from its header to its checksum; to a broken layer with the
+`reason` if the bytes are not a packet. They never raise. Checksums and codes are computed when a
+packet is built.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ CR = b"\r"
 
 
 class SerialPacket(Block):
-    """A packet; bytes after it belong to the next one."""
+    """Packet; bytes after it belong to the next one."""
 
 
 class Broken(SerialPacket):
-    """Bytes that are no packet."""
+    """Bytes that are not a packet."""
 
     fields_desc = [StrField("data", b"")]
 
     fault: ClassVar[staticmethod[[bytes], str | None]]
-    """Why bytes are no packet of the device, None when they are one."""
+    """Returns why bytes are not a packet of the device, None if they are one."""
 
     @property
     def reason(self) -> str:
@@ -61,7 +61,7 @@ class TextPacket(SerialPacket):
 # Magellan
 
 NIBBLES = b"0AB3D56GH9:K<MN?"
-"""The characters of 0 to 15, each of even parity."""
+"""Characters of 0 to 15, each of even parity."""
 NIBBLE_OF = {char: value for value, char in enumerate(NIBBLES)}
 WORD_ZERO = 0x8000
 SIX_BIT_ZERO = 2048
@@ -75,14 +75,14 @@ def _six_bit_code(value: int) -> int:
 
 
 SIX_BITS = bytes(map(_six_bit_code, range(64)))
-"""The bytes of 0 to 63."""
+"""Bytes of 0 to 63."""
 SIX_BITS_OF = {code: value for value, code in enumerate(SIX_BITS)}
 MAGELLAN_MOTION_BYTES, MAGELLAN_COMPRESSED_BYTES = 26, 16
 MAGELLAN_KEY_BYTES = (5, 6)
 
 
 class NibblesField(Field[int, bytes]):
-    """`digits` coded nibbles, the high one first, that count from `zero`."""
+    """`digits` coded nibbles, the high one first, with the offset `zero`."""
 
     __slots__ = ["digits", "zero"]
 
@@ -100,7 +100,7 @@ class NibblesField(Field[int, bytes]):
 
 
 class SixBitsField(Field[int, bytes]):
-    """Two coded groups of six bits, the high one first, that count from `zero`."""
+    """Two coded groups of six bits, the high one first, with the offset `zero`."""
 
     __slots__ = ["zero"]
 
@@ -150,7 +150,7 @@ class MagellanCompressedMotion(SerialPacket):
 class _MagellanKeys(SerialPacket):
     @property
     def keys(self) -> tuple[str, ...]:
-        """The keys that are down: "1" to "8", "*", "+", "-"."""
+        """Pressed keys: "1" to "8", "*", "+", "-"."""
         numbered = self.keys_1_to_4 | self.keys_5_to_8 << 4
         marks = zip(range(3), "*+-", strict=True)
         return (
@@ -169,13 +169,13 @@ def _magellan_keys(*more: str) -> list[Any]:
 
 
 class MagellanKeys(_MagellanKeys):
-    """Every key; bit 0 is the first of each name."""
+    """All keys; bit 0 is the first of each name."""
 
     fields_desc = _magellan_keys()
 
 
 class MagellanExtendedKeys(_MagellanKeys):
-    """With the further nibble of the extended mode."""
+    """All keys, with the further nibble of the extended mode."""
 
     fields_desc = _magellan_keys("more_keys")
 
@@ -237,24 +237,24 @@ class MagellanPacket(Packet):
 
 ESCAPE = 0x5E
 ESCAPED = {0x11: 0x51, 0x13: 0x53, 0x0D: 0x4D, ESCAPE: ESCAPE}
-"""Bytes that flow control and framing need, and what stands for them after `^`."""
+"""Bytes reserved for flow control and framing, with their codes after `^`."""
 UNESCAPED = {code: byte for byte, code in ESCAPED.items()}
 SPACEBALL_BYTES = {b"D": 15, b"K": 3, b".": 3}
-"""Decoded, without CR."""
+"""Sizes of decoded packets, without CR."""
 SPACEBALL_LETTERS = b"@E?CFNPMZ"
 """Letters of packets whose content is text."""
 PERIOD_UNITS_PER_MS = 16
 
 
 def escape(data: bytes) -> bytes:
-    """The bytes of a Spaceball packet as they go over the line, without the CR."""
+    """Escape the bytes of a Spaceball packet for the line, without the CR."""
     return b"".join(
         bytes((ESCAPE, ESCAPED[byte])) if byte in ESCAPED else bytes((byte,)) for byte in data
     )
 
 
 def unescape(data: bytes) -> bytes | None:
-    """The other way; None when a `^` has nothing to stand for."""
+    """Inverse of `escape`; None if a code after `^` is unknown."""
     decoded, bytes_left = bytearray(), iter(data)
     for byte in bytes_left:
         if byte == ESCAPE:
@@ -274,7 +274,7 @@ class SpaceballLayer(SerialPacket):
         return unescape(s[:-1]) or b""
 
     def post_dissect(self, s: bytes) -> bytes:
-        self.raw_packet_cache = self.original  # what it is built from again is not decoded
+        self.raw_packet_cache = self.original  # A rebuilt packet is not decoded again.
         return s
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
@@ -349,7 +349,7 @@ class SpaceballBroken(Broken):
 
 
 class SpaceballPacket(Packet):
-    """A packet of a Spaceball as it comes over the line, CR included."""
+    """Packet of a Spaceball as received, CR included."""
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
@@ -362,7 +362,7 @@ class SpaceballPacket(Packet):
 # SpaceOrb
 
 ORB_LETTERS = b"SpaceWare"
-"""Bytes that the bytes of motion are combined with by exclusive or."""
+"""Bytes that are combined with those of motion by exclusive or."""
 ORB_BYTES = {b"D": 12, b"K": 5, b"E": 4, b"N": 3}
 ORB_BUTTONS = ("a", "b", "c", "d", "e", "f", "rezero")
 TEN_MS = 10
@@ -373,7 +373,7 @@ def _orb_checksum(data: bytes) -> int:
 
 
 class SpaceOrbLayer(SerialPacket):
-    """A packet with bit 7 set in all bytes but the first, and values in their low seven bits; the
+    """Packet with bit 7 set in all bytes but the first, and values in their low seven bits; the
     last byte makes the exclusive or of all 0."""
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
@@ -421,7 +421,7 @@ class SpaceOrbMotion(SpaceOrbLayer):
 
 
 class SpaceOrbKeys(SpaceOrbLayer):
-    """At least every second; the period is since the last, in 10 ms."""
+    """At least every second; the period is the time since the last one, in 10 ms."""
 
     fields_desc = [
         StrFixedLenField("letter", b"K", 1),
@@ -457,7 +457,7 @@ class SpaceOrbText(SpaceOrbLayer):
 
     @property
     def text(self) -> bytes:
-        """Without letter and checksum, bit 7 taken off."""
+        """Text without letter and checksum, bit 7 cleared."""
         return bytes(byte & 0x7F for byte in bytes(self.rest)[:-1])
 
 
@@ -479,7 +479,7 @@ class SpaceOrbBroken(Broken):
 
 
 class SpaceOrbPacket(Packet):
-    """A packet of a SpaceOrb, from its header to its checksum."""
+    """Packet of a SpaceOrb, from its header to its checksum."""
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:

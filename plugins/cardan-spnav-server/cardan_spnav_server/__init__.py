@@ -1,4 +1,4 @@
-"""Serves any operator device to the programs that know spacenavd."""
+"""Serves any operator device to programs that support spacenavd."""
 
 from cardan_spnav_server.core import (
     SpnavServerCore as SpnavServerCore,

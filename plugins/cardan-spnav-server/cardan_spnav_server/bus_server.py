@@ -1,4 +1,4 @@
-"""The server for programs that use libspnav: they watch the device of a session, by the bus."""
+"""Server of a session's device, from the bus, for programs that use libspnav."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class DeviceTopic(Options):
     """Topic on which a session publishes its device."""
 
     topic: str = "/spacenav/joy"
-    """The device's, of a session with device = true in [network]: with its namespace before it."""
+    """Topic of the device, with its namespace, of a session with device = true in [network]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpnavBusServerOptions(Options):
-    """The bus, the device on it, and the socket."""
+    """Options: the bus, the device on it, and the socket."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     device: DeviceTopic = field(default_factory=DeviceTopic)
@@ -51,7 +51,7 @@ class SpnavBusServer(Server[SpnavBusServerOptions]):
                 topic=options.device.topic,
                 name="spnav_server",
                 full_scale=SPACENAV_FULL,
-                dead_zone=0.0,  # The session's driver has had its own.
+                dead_zone=0.0,  # The session's driver has applied its own.
                 wait_for_device=True,
             )
         )

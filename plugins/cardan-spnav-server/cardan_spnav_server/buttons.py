@@ -1,7 +1,7 @@
 """The numbers that spacenavd gives to the buttons of USB devices.
 
-Most devices keep the numbers of their reports. Those that leave gaps, where a key of the vendor's
-numbering is missing, get numbers without gaps, keys with figures first.
+Most devices keep the numbers of their reports. Devices with gaps, for missing keys of the vendor's
+numbering, get numbers without gaps, keys with figures first.
 
 Source: spacenavd's table of devices, with the Pro Wireless Bluetooth Edition, which spacenavd has
 after 1.3.1. 1.0 and older have no such table, nor has 1.1 to 1.3.1 for the Bluetooth Edition: there
@@ -40,7 +40,7 @@ _RENUMBERED: Mapping[tuple[int, int], tuple[int, ...]] = MappingProxyType(
 
 
 def button_number(vendor_id: int, product_id: int, bit: int) -> int | None:
-    """spacenavd's number of the button that HID report 3 has in `bit`, the vendor's key bit + 1.
+    """Return spacenavd's number of the button in `bit` of HID report 3, the vendor's key bit + 1.
 
     None: spacenavd knows no such key of this device.
     """

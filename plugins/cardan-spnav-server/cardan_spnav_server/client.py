@@ -22,13 +22,13 @@ QUIET_S = 0.05
 records before a request, and takes the next record for the answer."""
 
 NEW_FOR_S = 2.0
-"""How long a client counts as new, however often it asks."""
+"""Time for which a client counts as new, independent of its requests."""
 
 UNREAD_EDGES = 256
-"""Button and device events a client may leave unread before it is given up."""
+"""Unread button and device events after which a client is disconnected."""
 
 UNREAD_REPLIES = 4096
-"""Records of replies a client may leave unread before it is given up; a long string has 2731."""
+"""Unread reply records after which a client is disconnected; a long string has 2731."""
 
 
 class _Motion:
@@ -42,7 +42,7 @@ class _Motion:
 
 
 class SpnavClient:
-    """A client's settings and its queue.
+    """Settings of a client and its queue.
 
     Motion is kept as the newest since the last other event; other events are all kept, in order.
     Replies overtake events.
@@ -55,7 +55,7 @@ class SpnavClient:
         self.name = ""
         self.strings = StringAssembler()
         self._pressed: set[int] = set()
-        """Buttons that are pressed for the client once it has read all events."""
+        """Buttons that the client will see as pressed after it has read all events."""
         self._connected_s = now_s
         self._quiet_until_s = now_s + QUIET_S
         self._replies: deque[bytes] = deque()
@@ -63,15 +63,15 @@ class SpnavClient:
         self._edges = 0
         self._sending = b""
         self.failure = ""
-        """Why the client is to be disconnected; empty while it is not."""
+        """Reason to disconnect the client; empty: none."""
 
     def shake_hands(self, version: int) -> None:
-        """The client speaks `version` from now on."""
+        """Use protocol `version` for the client from now on."""
         if version:
             self.mask = MASK_V1
 
     def on_request(self, now_s: float) -> None:
-        """The client asked something."""
+        """Record the time of a request."""
         if now_s < self._quiet_until_s:
             end_s = self._connected_s + NEW_FOR_S
             self._quiet_until_s = min(now_s + QUIET_S, end_s)
@@ -93,7 +93,7 @@ class SpnavClient:
             self._events.append(_Motion(counts, period_ms))
 
     def button(self, number: int, pressed: bool) -> None:
-        """Queue an edge of a button."""
+        """Queue a press or release of a button."""
         (self._pressed.add if pressed else self._pressed.discard)(number)
         self.event(encode_button(number, pressed))
 
@@ -127,12 +127,12 @@ class SpnavClient:
         return self._sending
 
     def sent(self, size: int) -> None:
-        """`size` bytes of `outgoing` were sent."""
+        """Record that `size` bytes of `outgoing` were sent."""
         self._sending = self._sending[size:]
 
     @property
     def due_s(self) -> float:
-        """Time at which delayed events are to be sent; inf: there are none."""
+        """Time at which delayed events are due; inf: there are none."""
         if self._sending or not self._events:
             return math.inf
         return self._quiet_until_s

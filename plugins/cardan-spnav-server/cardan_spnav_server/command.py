@@ -1,4 +1,4 @@
-"""``cardan devices spnav``: an operator device for programs that use libspnav."""
+"""``cardan devices spnav``: serves an operator device to programs that use libspnav."""
 
 from __future__ import annotations
 

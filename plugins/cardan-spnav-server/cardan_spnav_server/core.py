@@ -1,9 +1,9 @@
-"""The spacenavd-compatible server without any I/O and in the caller's time.
+"""Sans-I/O core of the spacenavd-compatible server, in the caller's time.
 
-Programs that know spacenavd (Blender, FreeCAD, ROS and others) get the deflection of any operator
-device from it. It speaks versions 0 and 1 of the protocol; see
-:mod:`cardan.protocols.spnav`. The settings of spacenavd that Cardan does not have are answered
-where they have a plain value, and refused (status -1) where a program wants to change them.
+Programs that support spacenavd (Blender, FreeCAD, ROS and others) get the deflection of any
+operator device from it. It speaks versions 0 and 1 of the protocol; see
+:mod:`cardan.protocols.spnav`. Settings of spacenavd that Cardan does not have are answered with
+fixed values; changes of them are refused (status -1).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ SENSITIVITIES = (0.001, 1000.0)
 """Accepted factors on a program's motion, either sign."""
 
 TWO_BUTTONS = ("left", "right")
-"""Buttons of a device that does not list its own: 0 and 1, whichever is pressed first."""
+"""Numbers of a device without a list of buttons: 0 and 1, for whichever is pressed first."""
 
 AXES = 6
 _REST = (0,) * AXES
@@ -65,14 +65,14 @@ _ONE = bits_of(1.0)
 
 
 class SpnavServerCore:
-    """The clients and their send queues. Times are monotonic, s.
+    """Clients and their send queues. Times are monotonic, s.
 
     Buttons have the numbers of `identity`. All others of `buttons` are numbered from 0 in their
-    order; a button that is not among them gets the next number when it is first seen. If the
-    device lists none, "left" and "right" are 0 and 1, "button-7" is 7 and "7" is 6, whatever is
-    pressed first; all others follow. `on_led` switches the device's LED; None: it has none, or
-    programs may not switch it. `full_scale` is in counts; None: the counts that programs take for
-    a full deflection of such a device. Raises OptionError for a value that is not in `COUNTS` of
+    order; a button that is not listed gets the next number when it is first seen. If the device
+    lists none, "left" and "right" are 0 and 1, "button-7" is 7 and "7" is 6, in any order of
+    presses; all others follow. `on_led` switches the device's LED; None: it has none, or programs
+    may not switch it. `full_scale` is in counts; None: the counts that programs expect for a full
+    deflection of such a device. Raises OptionError for a value that is not in `COUNTS` of
     :mod:`cardan.common.bounds`.
     """
 
@@ -89,7 +89,7 @@ class SpnavServerCore:
         self._taken: set[int] = set()
         """Numbers that are assigned to buttons."""
         self._button_count = 0
-        """The highest of them plus one."""
+        """Highest of them plus one."""
         self._listed = False
         self._full_scale = full_scale
         self._on_led = on_led
@@ -115,7 +115,7 @@ class SpnavServerCore:
     # -- clients -------------------------------------------------------------------------------
 
     def connect(self, now_s: float) -> int | None:
-        """A program connected: its number, or None when there are too many."""
+        """Add a program; return its number, or None if there are too many."""
         if len(self._clients) >= MAX_CLIENTS:
             self._counts["refused_clients"] += 1
             return None
@@ -127,12 +127,12 @@ class SpnavServerCore:
         return number
 
     def disconnect(self, number: int) -> None:
-        """The program is gone; unknown numbers are fine."""
+        """Remove a program; unknown numbers are ignored."""
         if self._clients.pop(number, None) is not None:
             self._show_led()
 
     def receive(self, number: int, data: bytes, now_s: float) -> None:
-        """Bytes came from a program. Never raises."""
+        """Handle bytes from a program. Never raises."""
         client = self._clients.get(number)
         if client is None:
             return
@@ -152,7 +152,7 @@ class SpnavServerCore:
         self._drop_if_unread(number, client)
 
     def outgoing(self, number: int, now_s: float) -> bytes:
-        """Return the bytes to send to a program next, in one call; empty: nothing (yet)."""
+        """Return the bytes to send to a program next, in one call; empty: nothing yet."""
         client = self._clients.get(number)
         return b"" if client is None else client.outgoing(now_s)
 
@@ -163,14 +163,14 @@ class SpnavServerCore:
             client.sent(size)
 
     def give_up(self, number: int, reason: str) -> None:
-        """Disconnect a program that cannot be served, and report it by `given_up`."""
+        """Disconnect a program that cannot be served, and report it in `given_up`."""
         client = self._clients.get(number)
         if client is not None:
             client.failure = reason
             self._drop_if_unread(number, client)
 
     def given_up(self) -> list[tuple[int, str]]:
-        """Programs to be disconnected since the last call, each with the reason."""
+        """Return the programs to disconnect since the last call, each with the reason."""
         given_up = self._given_up
         self._given_up = []
         return given_up
@@ -184,13 +184,13 @@ class SpnavServerCore:
 
     @property
     def present(self) -> bool:
-        """Whether the device was there at the last offer."""
+        """True if the device was present at the last offer."""
         return self._present
 
     def identify(self, identity: DeviceIdentity) -> None:
-        """Set what programs learn of the device, best while it is absent.
+        """Set the identity for programs, preferably while the device is absent.
 
-        Its buttons are numbered anew when it is another device.
+        Its buttons are renumbered if it is another device.
         """
         before, self._identity = self._identity, identity
         if identity.button_numbers != before.button_numbers:
@@ -202,7 +202,7 @@ class SpnavServerCore:
         self._angular_share = angular / linear
 
     def name_buttons(self, buttons: Sequence[str]) -> None:
-        """The device lists `buttons`: number those that have no number yet, in their order."""
+        """Number those of the device's `buttons` that have no number yet, in their order."""
         self._listed |= bool(buttons)
         before = self._button_count
         for button in buttons:
@@ -211,7 +211,7 @@ class SpnavServerCore:
             self._announce_device()
 
     def offer(self, state: DeviceState, events: Sequence[ButtonEvent], now_s: float) -> None:
-        """The device's newest state, and its button edges since the last offer."""
+        """Handle the device's newest state, and its button events since the last offer."""
         self._offered_s = now_s
         present = state.link not in (DeviceLink.CLOSED, DeviceLink.LOST)
         if present is not self._present:
@@ -236,7 +236,7 @@ class SpnavServerCore:
         self._move(now_s)
 
     def next_due_s(self) -> float:
-        """Time at which `advance` or `outgoing` has work next, unless something comes before."""
+        """Time of the next work of `advance` or `outgoing`, without new input."""
         due_s = min((client.due_s for client in self._clients.values()), default=math.inf)
         if self._shown != _REST and self._clients:
             due_s = min(due_s, self._motion_s + REPEAT_PERIOD_S)
@@ -249,7 +249,7 @@ class SpnavServerCore:
         return {"clients": len(self._clients), **self._counts}
 
     def diagnosis(self) -> list[str]:
-        """Return the warnings, in words."""
+        """Return the warnings in words."""
         words = [f"{self._counts[key]} {_COUNTERS[key]}" for key in _TELLING if self._counts[key]]
         if self._last_failure:
             words.append(f"the last program given up: {self._last_failure}")
@@ -263,13 +263,13 @@ class SpnavServerCore:
             share = self._angular_share
             axes = (x, y, z, share * rx, share * ry, share * rz)
             counts = from_robot_axes(axes, self._linear_full_scale)
-        except (ValueError, OverflowError):  # NaN, infinity
+        except (ValueError, OverflowError):  # NaN, infinity.
             self._counts["bad_axes"] += 1
             return _REST
         return counts if any(counts) else _REST
 
     def _move(self, now_s: float) -> None:
-        """Send the deflection if it is time to: its end at once, the rest with a period."""
+        """Send the deflection when due: its end at once, changes with a period."""
         target, shown = self._target, self._shown
         if target is _REST:
             if shown is _REST:
@@ -292,7 +292,7 @@ class SpnavServerCore:
                 client.motion(target, period_ms)
 
     def _number(self, button: str) -> int | None:
-        """The number of `button`, assigned where it had none; None: no number is left."""
+        """Return the number of `button`, assigned if it had none; None: no number is left."""
         number = self._numbers.get(button)
         if number is None:
             own = number = self._identity.button_numbers.get(button)
@@ -309,7 +309,7 @@ class SpnavServerCore:
         return number
 
     def _renumber(self) -> None:
-        """Number the buttons anew, in the order in which they were numbered before."""
+        """Renumber the buttons in the order of their earlier numbers."""
         buttons = tuple(self._numbers)
         self._numbers.clear()
         self._taken.clear()
@@ -349,7 +349,7 @@ class SpnavServerCore:
         self._announce_device()
 
     def _announce_device(self) -> None:
-        """Report that the device came or went, or has more buttons than were known."""
+        """Report that the device appeared or vanished, or has more buttons than were known."""
         identity = self._identity
         change = DeviceChange(
             self._present,
@@ -367,7 +367,7 @@ class SpnavServerCore:
                 self._drop_if_unread(client_number, client)
 
     def _queue_for_all(self, kind: EventMask, record: bytes) -> None:
-        """Queue an event that must not be lost for every program that wants its kind."""
+        """Queue an event that must not be lost for every program that subscribed to its kind."""
         for number, client in tuple(self._clients.items()):
             if client.mask & kind:
                 client.event(record)
@@ -395,7 +395,7 @@ class SpnavServerCore:
                 client.reply(record)
         elif code == Code.GCFG_SERDEV:
             client.reply(encode_string(word, "")[0])
-        elif code != Code.SCFG_SERDEV:  # it has no reply
+        elif code != Code.SCFG_SERDEV:  # It has no reply.
             answer = self._reply_data(client, code, data)
             if answer is None:
                 client.reply(encode_reply(word, data[:AXES], FAILED))
@@ -405,7 +405,7 @@ class SpnavServerCore:
     def _reply_data(
         self, client: SpnavClient, code: int, data: Sequence[int]
     ) -> Sequence[int] | None:
-        """The data of a reply; None: refused."""
+        """Return the data of a reply; None: refused."""
         if code in _SETTINGS:
             return _SETTINGS[code]
         if code == Code.SET_SENS:
@@ -447,7 +447,7 @@ class SpnavServerCore:
             client.name = name
 
     def _set_mask(self, client: SpnavClient, mask: int) -> None:
-        """Send the program what changed in the events that it left out until now."""
+        """Set the event mask, and send the program the changes that it has missed."""
         wanted = mask & ~client.mask
         client.mask = mask
         if wanted & EventMask.MOTION:
@@ -456,7 +456,7 @@ class SpnavServerCore:
             client.hold(self._held)
 
     def _set_sensitivity(self, client: SpnavClient, sensitivity: float) -> bool:
-        """Whether `sensitivity` was accepted.
+        """Set the sensitivity; return True if it was accepted.
 
         libspnav's `spnav_sensitivity` sends half of a double in version 1, which is zero or far
         from the intended value: it would leave the program without motion.
@@ -490,7 +490,7 @@ class SpnavServerCore:
 
 
 def _usual_number(button: str) -> int | None:
-    """The usual number of a button of a device that does not list its own; None: any."""
+    """Return the usual number of a button for a device without a list of its own; None: any."""
     if button in TWO_BUTTONS:
         return TWO_BUTTONS.index(button)
     digits = button.removeprefix("button-")
@@ -522,7 +522,7 @@ _SETTINGS: Mapping[int, tuple[int, ...]] = MappingProxyType(
         Code.GCFG_INVERT: (0,) * AXES,
         Code.GCFG_SWAPYZ: (0,),
         Code.GCFG_GRAB: (0,),
-        Code.GCFG_REPEAT: (-1,),  # off: only what the device goes on to report is sent again
+        Code.GCFG_REPEAT: (-1,),  # Off: only continued reports of the device are sent again.
     }
 )
-"""Fixed answers: these settings of spacenavd as they are here."""
+"""Fixed answers for these settings of spacenavd."""

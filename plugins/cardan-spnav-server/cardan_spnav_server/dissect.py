@@ -1,11 +1,11 @@
 """scapy layers of spacenavd's socket: the handshake, its events, requests and replies.
 
 Every value is a 32-bit word in the byte order of the machine; these layers read the little-endian
-ones. Written from a description of spacenavd and libspnav, independent of Cardan's codec, so that
-each can be checked against the other.
+ones. Written from a description of spacenavd and libspnav, independent of Cardan's codec, for
+cross-checks.
 
 `SpnavFromServer(record)` and `SpnavFromClient(record)` dissect one record, 32 bytes, or the four of
-a handshake or of a sensitivity of version 0; to SpnavBroken where it is neither. They never raise.
+a handshake or of a sensitivity of version 0; to SpnavBroken for other bytes. They never raise.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ HANDSHAKE = 0x7FAA5500
 REQUEST_MARK = 0x7FAA
 """Upper half of the first word of libspnav's requests; a server looks at the lower one only."""
 FIRST_REQUEST = 0x1000
-"""The lowest code of a request that there is."""
+"""Lowest valid code of a request."""
 MOTION, PRESS, RELEASE, DEVICE, CONFIG, RAW_AXIS, RAW_BUTTON = range(7)
 EVENT_MASK = {
     0x01: "motion",
@@ -42,7 +42,7 @@ EVENT_MASK = {
     0x20: "raw button",
 }
 CONTINUED = 0x10000
-"""In the last word of a packet of a string that is not its first."""
+"""Flag in the last word of a packet of a string that is not its first."""
 STRING_BYTES = 24
 NO_WORDS: Any = [0] * 6
 FAILED = -1
@@ -85,7 +85,7 @@ REQUESTS: dict[int, tuple[str, str]] = {
     0x3FFF: ("CFG_RESTORE", ""),
     0x4000: ("CFG_RESET", ""),
 }
-"""Name of each request, and what its data are: `f` a float, `i` an integer, or a string."""
+"""Name of each request, and the types of its data: `f` a float, `i` an integer, or a string."""
 
 _SERIAL_DEVICES = (
     "Spaceball 1003/2003", "Spaceball 3003", "Spaceball 4000", "Magellan",
@@ -105,11 +105,11 @@ DEVICE_TYPES = {
 
 
 class Record(Block):
-    """A record; bytes after it belong to the next one."""
+    """Record; bytes after it belong to the next one."""
 
 
 def _event(kind: int, *names: str) -> list[Any]:
-    """A word for each name, and words without meaning to the end of the record."""
+    """Return a word for each name, and padding words to the end of the record."""
     unused = 7 - len(names)
     return [
         LEIntField("type", kind),
@@ -133,7 +133,7 @@ class SpnavRelease(Record):
 
 
 class SpnavDevice(Record):
-    """`operation` 0: a device came, 1: it went."""
+    """`operation` 0: a device was added, 1: it was removed."""
 
     fields_desc = _event(DEVICE, "operation", "device", "device_type", "vendor", "product")
 
@@ -145,7 +145,7 @@ class SpnavConfig(Record):
 
 
 class SpnavRawAxis(Record):
-    """Before dead zone and mapping."""
+    """Raw axis before dead zone and mapping."""
 
     fields_desc = _event(RAW_AXIS, "axis", "value")
 
@@ -167,7 +167,7 @@ EVENTS = (
 
 
 class SpnavMessage(Record):
-    """A request, or the reply that echoes its first word."""
+    """Request, or the reply that echoes its first word."""
 
     fields_desc = [
         LEShortField("code", 0),
@@ -183,12 +183,12 @@ class SpnavMessage(Record):
 
     @property
     def is_text(self) -> bool:
-        """Whether the data are a piece of a string."""
+        """True if the data are a piece of a string."""
         return REQUESTS.get(self.code, ("", ""))[1] == "text"
 
     @property
     def values(self) -> tuple[float | int, ...]:
-        """The data as numbers of the request's types; all of an unknown request as integers."""
+        """Data as numbers of the request's types; for an unknown request all as integers."""
         kinds = REQUESTS.get(self.code, ("", "iiiiii"))[1]
         if kinds == "text":
             return ()
@@ -197,17 +197,17 @@ class SpnavMessage(Record):
 
     @property
     def text(self) -> bytes:
-        """The piece of a string in the data."""
+        """Piece of a string in the data."""
         return struct.pack("<6i", *self.words)[: min(self.remaining, STRING_BYTES)]
 
     @property
     def remaining(self) -> int:
-        """Bytes of the string from this piece on; 0 where the server says that it failed."""
+        """Bytes of the string from this piece on; 0 if the server reports a failure."""
         return 0 if self.last == FAILED else self.last & (CONTINUED - 1)
 
     @property
     def continued(self) -> bool:
-        """Whether this is a piece of a string, and not its first one."""
+        """True for a piece of a string that is not its first one."""
         return self.last != FAILED and bool(self.last & CONTINUED)
 
 
@@ -216,11 +216,11 @@ class SpnavRequest(SpnavMessage):
 
 
 class SpnavReply(SpnavMessage):
-    """Server to client; of requests without a string `last` is 0, or -1 when refused."""
+    """Server to client; for requests without a string `last` is 0, or -1 if refused."""
 
 
 class SpnavHandshake(Record):
-    """From the client the version it wants, back from the server the one it has."""
+    """From the client: the requested version; from the server: the granted one."""
 
     fields_desc = [
         ByteField("version", 1),
@@ -230,13 +230,13 @@ class SpnavHandshake(Record):
 
 
 class SpnavSensitivity(Record):
-    """All that a client of version 0 can say."""
+    """Only message of a client of version 0."""
 
     fields_desc = [LEFloatField("sensitivity", 1.0)]
 
 
 class SpnavBroken(Record):
-    """Bytes that are no record; `reason` says why."""
+    """Bytes that are not a record, with the `reason`."""
 
     fields_desc = [StrField("data", b"")]
 
@@ -267,7 +267,7 @@ class SpnavFromServer(Packet):
         word = _word(_pkt)
         if word < len(EVENTS):
             return EVENTS[word]
-        # A request's first word comes back as it was, with libspnav's mark or without.
+        # A request's first word is returned unchanged, with libspnav's mark or without.
         is_reply = word >> 16 == REQUEST_MARK or word & 0xFFFF >= FIRST_REQUEST
         return SpnavReply if is_reply else SpnavBroken
 
@@ -285,7 +285,7 @@ class SpnavFromClient(Packet):
 
 
 def string_messages(kind: type[SpnavMessage], code: int, text: bytes) -> Sequence[SpnavMessage]:
-    """The packets of a string, in order; an empty one has a packet too."""
+    """Return the packets of a string, in order; an empty one has a packet too."""
     messages = []
     for at in range(0, max(len(text), 1), STRING_BYTES):
         piece = text[at : at + STRING_BYTES].ljust(STRING_BYTES, b"\0")

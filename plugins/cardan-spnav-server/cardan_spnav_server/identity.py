@@ -25,13 +25,13 @@ class DeviceIdentity(NamedTuple):
     """One of `cardan.protocols.spnav.DEVICE_TYPES`."""
     vendor_id: int = 0
     product_id: int = 0
-    """0, 0: no USB device, or unknown."""
+    """0, 0: not a USB device, or unknown."""
     button_numbers: Mapping[str, int] = MappingProxyType({})
-    """spacenavd's numbers of its buttons by label; of buttons that are not here, any will do."""
+    """spacenavd's numbers of its buttons by label; other buttons may have any number."""
 
     @property
     def full_scales(self) -> tuple[float, float]:
-        """Counts that programs take for a full deflection of it: translation, rotation."""
+        """Counts that programs expect for a full deflection: translation, rotation."""
         return usual_full_scales(self.device_type, self.vendor_id, self.product_id)
 
 
@@ -53,11 +53,11 @@ class KnownModel(Protocol):
 
     @property
     def receiver(self) -> bool:
-        """Whether its buttons are those of a puck that is paired with it, and not known."""
+        """True if its buttons are those of a paired puck, and unknown."""
 
 
 def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
-    """Return the identity of `device`, with `name` where that is not empty.
+    """Return the identity of `device`, with `name` unless that is empty.
 
     A driver that knows the model of a 3Dconnexion device has it in `model` once it is open; all
     other devices have only a name.
@@ -81,8 +81,8 @@ def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
 
 
 def identity_behind_bus(model: str, name: str = "") -> DeviceIdentity:
-    """The identity of the 3Dconnexion device of that key, where its session publishes it on the
-    bus: as "button-0" and so on, in the order of its driver's list."""
+    """Return the identity of the 3Dconnexion device with that key, which its session publishes on
+    the bus with buttons "button-0" and so on, in the order of its driver's list."""
     mouse = SpaceMouse(model=model)
     identity = identity_of(mouse, name)
     known = identity.button_numbers
@@ -95,9 +95,10 @@ def identity_behind_bus(model: str, name: str = "") -> DeviceIdentity:
 
 
 def _button_numbers(model: KnownModel) -> Mapping[str, int]:
-    """spacenavd's numbers by label.
+    """Return spacenavd's numbers by label.
 
-    With a receiver "right" is that of a puck with two buttons, though a larger one has such a key.
+    With a receiver "right" is that of a puck with two buttons, although a larger one has such a
+    key.
     """
     numbers = {
         label: number
@@ -133,7 +134,7 @@ _USB_TYPES: Mapping[tuple[int, int], int] = MappingProxyType(
         (0x256F, 0xC63A): 0x20C,
     }
 )
-"""Device types by USB id. A Universal Receiver has that of its puck, which is unknown."""
+"""Device types by USB id. A Universal Receiver has the type of its puck, which is unknown."""
 
 _SERIAL_TYPES: Mapping[str, int] = MappingProxyType(
     {

@@ -18,16 +18,16 @@ class SpnavServerOptions(Options):
     """Options of the server. Raises OptionError for a value that is not allowed."""
 
     socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] = DEFAULT_SOCKET
-    """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
+    """Path of the socket to create; programs use this path, or that in SPNAV_SOCKET."""
     access: Literal["owner", "everybody"] = "owner"
     """Users that may connect: the server's own (mode 0600), or all of this machine (0666)."""
     full_scale: Annotated[float, bounds.COUNTS] | None = None
-    """Counts that programs get for a full deflection; None: as many as spacenavd gives of the
-    device's model, 350 where that is not known."""
+    """Counts that programs get for a full deflection; None: spacenavd's for the device's model, 350
+    if that is unknown."""
     name: str = ""
     """Name of the device for programs; empty: its model's, or "Cardan" if that is unknown."""
     model: str = ""
-    """Key of the 3Dconnexion model that a session publishes on the bus, which does not tell it, as
+    """Key of the 3Dconnexion model that a session publishes on the bus without its name, such as
     "spacemouse-pro": programs get its identity and spacenavd's numbers of its buttons. Empty: the
     driver's model."""
 
@@ -40,5 +40,5 @@ class SpnavServerOptions(Options):
 
     @property
     def identity(self) -> DeviceIdentity | None:
-        """Identity for programs by `model`; None: there is no model."""
+        """Identity for programs by `model`; None: no model is given."""
         return identity_behind_bus(self.model, self.name) if self.model else None

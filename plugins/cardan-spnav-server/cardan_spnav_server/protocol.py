@@ -43,17 +43,17 @@ class ClientRequest(NamedTuple):
     """A client's request."""
 
     word: int
-    """The first word as it came; a reply repeats it."""
+    """First word as received; a reply repeats it."""
     data: Data
 
     @property
     def code(self) -> int:
-        """Code of the request, one of `Code` where it is known."""
+        """Code of the request, one of `Code` if it is known."""
         return self.word & 0xFFFF
 
 
 def decode_request(record: bytes) -> ClientRequest | MalformedRecord:
-    """The value of a record that a client of version 1 sent. Never raises.
+    """Decode a record from a client of version 1. Never raises.
 
     Unknown codes are requests, too: a server answers them with `FAILED`.
     """
@@ -64,50 +64,50 @@ def decode_request(record: bytes) -> ClientRequest | MalformedRecord:
 
 
 def encode_motion(counts: Sequence[int], period_ms: int) -> bytes:
-    """Event 0 of six counts; beyond 32 bits they are clamped."""
+    """Encode event 0 of six counts; beyond 32 bits they are clamped."""
     x, y, z, rx, ry, rz = (_clamped(count) for count in counts)
     return encode_words(MOTION, (x, y, z, rx, ry, rz, _clamped(period_ms)))
 
 
 def encode_button(number: int, pressed: bool) -> bytes:
-    """Event 1 or 2. Raises ValueError for a number that is not below `MAX_BUTTONS`."""
+    """Encode event 1 or 2. Raises ValueError for a number that is not below `MAX_BUTTONS`."""
     if not 0 <= number < MAX_BUTTONS:
         raise ValueError(f"button number is {number}; allowed: 0 to {MAX_BUTTONS - 1}")
     return encode_words(PRESS if pressed else RELEASE, (number, int(pressed), 0, 0, 0, 0, 0))
 
 
 def encode_device(change: DeviceChange) -> bytes:
-    """Event 3. Raises ValueError for what does not fit 32 bits."""
+    """Encode event 3. Raises ValueError for values beyond 32 bits."""
     added, number, device_type, vendor_id, product_id = change
     op = ADDED if added else REMOVED
     return encode_words(DEVICE, (op, number, device_type, vendor_id, product_id, 0, 0))
 
 
 def encode_config(change: ConfigChange) -> bytes:
-    """Event 4. Raises ValueError for what does not fit 32 bits."""
+    """Encode event 4. Raises ValueError for values beyond 32 bits."""
     return encode_words(CONFIG, (change.code, *change.data))
 
 
 def decode_sensitivity(word: bytes) -> float:
-    """The sensitivity in four bytes; NaN and infinities are possible."""
+    """Decode the sensitivity in four bytes; NaN and infinities are possible."""
     (value,) = struct.unpack("=f", word)
     return float(value)
 
 
 def float_of(word: int) -> float:
-    """Return the float whose bits are the data word `word`."""
+    """Return the float with the bits of the data word `word`."""
     (value,) = struct.unpack("=f", struct.pack("=i", word))
     return float(value)
 
 
 def bits_of(value: float) -> int:
-    """Return the data word of a float. Raises ValueError for a value that is no 32-bit float."""
+    """Return the data word of a float. Raises ValueError for a value that is not a 32-bit float."""
     (word,) = struct.unpack("=i", encode_sensitivity(value))
     return int(word)
 
 
 def from_robot_axes(axes: Sequence[float], full_scale: float) -> tuple[int, ...]:
-    """spacenavd's counts of deflections in -1..1, rounded."""
+    """Convert deflections in -1..1 to spacenavd's counts, rounded."""
     x, y, z, rx, ry, rz = axes
     return tuple(round(u * full_scale) for u in (-y, z, x, -ry, rz, rx))
 
@@ -117,7 +117,7 @@ def _clamped(value: int) -> int:
 
 
 class Sensitivity(NamedTuple):
-    """Factor for the motion that a client of version 0 gets; NaN is possible."""
+    """Factor for the motion sent to a client of version 0; NaN is possible."""
 
     value: float
 
@@ -131,13 +131,13 @@ class ClientReader:
     def __init__(self, newest: int = NEWEST_VERSION) -> None:
         self._newest = newest
         self.version = 0
-        """The version in force."""
+        """Version in force."""
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[ClientRequest | Handshake | Sensitivity | MalformedRecord]:
-        """The values that `data` completes. Never raises.
+        """Return the values that `data` completes. Never raises.
 
-        `Handshake.version` is what to grant; it is in force for the bytes that follow.
+        `Handshake.version` is the version to grant; it is in force for the bytes that follow.
         """
         buffer = self._buffer + data
         values: list[ClientRequest | Handshake | Sensitivity | MalformedRecord] = []
@@ -160,17 +160,18 @@ class ClientReader:
 
 
 class StringAssembler:
-    """Puts a string together from the data of its records."""
+    """Joins a string from the data of its records."""
 
     def __init__(self) -> None:
         self._text = bytearray()
         self._left: int | None = None
-        """Bytes that are still to come; None: no string is under way."""
+        """Remaining bytes; None: no string has begun."""
 
     def take(self, data: Data) -> str | MalformedRecord | None:
-        """The string when `data` ends it, None when more is to come, MalformedRecord out of order.
+        """Return the string if `data` ends it, None if more must follow, MalformedRecord out of
+        order.
 
-        Bytes that are no UTF-8 are replaced. Never raises.
+        Invalid UTF-8 is replaced. Never raises.
         """
         left = data[STATUS] & 0xFFFF
         if not data[STATUS] & CONTINUED:

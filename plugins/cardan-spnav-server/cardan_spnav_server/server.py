@@ -23,14 +23,14 @@ from cardan_spnav_server.identity import DEFAULT_NAME, DeviceIdentity, identity_
 from cardan_spnav_server.options import SpnavServerOptions
 
 POLL_PERIOD_S = 0.004
-"""How often a served device is read while a program is connected."""
+"""Period of reading a served device while a program is connected."""
 
 IDLE_PERIOD_S = 0.05
-"""How often device and stop request are checked while no program is connected."""
+"""Period of checks of device and stop request while no program is connected."""
 
 READS_PER_STEP = 8
-"""Reads from all programs together in one step of some ms: a flood of requests, of up to 16 a
-read, does not eat the processor."""
+"""Most reads from all programs together in one step of some ms: limits the load by a flood of
+requests, of up to 16 a read."""
 
 MAX_EDGES = 4096
 JOIN_TIMEOUT_S = 2.0
@@ -38,15 +38,14 @@ JOIN_TIMEOUT_S = 2.0
 _REQUESTS_BYTES = 512
 _BACKLOG = 8
 _SMALLEST_BUFFER = 1
-"""Makes the kernel buffer as little as it can (about six records): newer motion waits here, where
-it is merged."""
+"""Minimizes the kernel buffer (about six records): newer motion waits here, where it is merged."""
 
 _MODES = {"owner": OWNER_ONLY, "everybody": EVERYBODY}
 _ADVICE = Advice(served="end that (spacenavd?), or choose another path")
 
 
 class SpnavServer:
-    """Serves `core` at a Unix socket. Call `step` often; nothing happens in between."""
+    """Serves `core` at a Unix socket. Call `step` often; it does all the work."""
 
     def __init__(self, core: SpnavServerCore, options: SpnavServerOptions) -> None:
         self._core = core
@@ -66,9 +65,9 @@ class SpnavServer:
     __exit__ = leave
 
     def open(self) -> None:
-        """Create the socket, in place of an abandoned one. Opening twice is fine.
+        """Create the socket, in place of an abandoned one. May be called twice.
 
-        Raises AddressError when another program serves there, or it cannot be created.
+        Raises AddressError if another program serves there, or it cannot be created.
         """
         if self._listener is not None:
             return
@@ -113,7 +112,7 @@ class SpnavServer:
                 reads += 1
 
     def close(self) -> None:
-        """Disconnect all programs and remove the socket. Never raises; closing twice is fine."""
+        """Disconnect all programs and remove the socket. Never raises; may be called twice."""
         for sock in tuple(self._numbers):
             self._drop(sock)
         if self._selector is not None:
@@ -156,7 +155,7 @@ class SpnavServer:
             return
         try:
             self._core.receive(number, data, time.monotonic())
-        except Exception as error:  # of this program's request; the others go on
+        except Exception as error:  # An error of this program's request; the others continue.
             self._core.give_up(number, f"what it asked for failed: {error!r}")
 
     def _flush(self, now_s: float) -> None:
@@ -175,7 +174,7 @@ class SpnavServer:
             except OSError:
                 self._drop(sock)
                 continue
-            except Exception as error:  # of this program's settings; the others go on
+            except Exception as error:  # An error of this program's settings; the others continue.
                 core.give_up(number, f"what is to be sent to it failed: {error!r}")
             self._watch(sock, selectors.EVENT_READ | (selectors.EVENT_WRITE if blocked else 0))
 
@@ -194,11 +193,11 @@ class SpnavServer:
 
 
 class SpnavService:
-    """The server in a thread of its own beside a control loop that offers it states.
+    """Server in a separate thread for a control loop that offers it states.
 
     `buttons` are the device's, in the order of their numbers, and `identity` is that for programs;
-    either may be a function, called from the thread once the device is plugged in. The loop has the
-    device and its LED; programs here only watch.
+    either may be a function, called from the thread once the device is plugged in. The loop owns
+    the device and its LED; programs only observe.
     """
 
     def __init__(
@@ -221,7 +220,7 @@ class SpnavService:
         self._offers = 0
 
     def start(self) -> None:
-        """Create the socket and begin to serve; starting twice is fine. Raises AddressError."""
+        """Create the socket and begin to serve. May be called twice. Raises AddressError."""
         if self._thread is not None:
             return
         self._server.open()
@@ -233,14 +232,15 @@ class SpnavService:
         self._thread.start()
 
     def offer(self, state: DeviceState, events: Sequence[ButtonEvent]) -> None:
-        """The device's newest state, and its edges since the last offer. Never blocks or raises."""
+        """Pass on the device's newest state, and its button events since the last offer. Never
+        blocks or raises."""
         if events:
             self._edges.extend(events)
         self._state = state
         self._offers += 1
 
     def stop(self) -> None:
-        """End, and remove the socket. Never raises; stopping twice is fine."""
+        """Stop, and remove the socket. Never raises; may be called twice."""
         if self._thread is None:
             return
         self._stop.set()
@@ -290,8 +290,8 @@ def serve_device(
     """Serve `device` to spacenavd's programs until `seconds` are over or a signal ends it.
 
     Opens it, prints READY and the socket's path, and closes it in the end. Programs may switch its
-    LED, and get `identity`; None: that of its model. Raises DriverError when the device cannot be
-    opened or the socket not be served.
+    LED, and get `identity`; None: that of its model. Raises DriverError if the device cannot be
+    opened or the socket cannot be served.
     """
     end_s = math.inf if seconds is None else time.monotonic() + seconds
     with interruptible() as stop:
@@ -310,7 +310,7 @@ def serve_until(
     end_s: float = math.inf,
     identity: DeviceIdentity | None = None,
 ) -> None:
-    """The same until `stop` is set, or the monotonic time `end_s`; `ready` is called with the
+    """Serve `device` until `stop` is set, or the monotonic time `end_s`; `ready` is called with the
     socket's path."""
     options = options or SpnavServerOptions()
     with contextlib.ExitStack() as stack:

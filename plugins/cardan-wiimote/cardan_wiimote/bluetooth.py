@@ -1,4 +1,4 @@
-"""From a captured HCI packet up to the L2CAP payload of a classic Bluetooth link.
+"""Decoder of captured HCI packets up to the L2CAP payload of a classic Bluetooth link.
 
 Captures have link type 187 (H4) or 201 (H4 with a direction word before it). The layouts of H4,
 ACL data packets, events and L2CAP signaling are those of the Bluetooth core specification; all
@@ -30,8 +30,8 @@ MOST_BYTES = 2**16 + 4
 class Payload(NamedTuple):
     """The payload of one L2CAP packet on a dynamic channel.
 
-    `direction` is None where the capture does not say it; `psm` where the set-up of the channel is
-    not in it.
+    `direction` is None if the capture does not have it; `psm` if the channel's set-up is not
+    captured.
     """
 
     handle: int
@@ -43,8 +43,8 @@ class Payload(NamedTuple):
 
 
 class _Link:
-    """A connection: its fragments and its channels. Either side numbers the channels it receives
-    on; where directions are not known both share a table."""
+    """Connection with its fragments and channels. Each side numbers the channels it receives on; if
+    directions are unknown, both share a table."""
 
     def __init__(self) -> None:
         self.address: str | None = None
@@ -53,7 +53,7 @@ class _Link:
         self.asked: dict[tuple[Direction | None, int], int] = {}
 
     def open(self, direction: Direction | None, cid: int, psm: int) -> None:
-        """A channel of this number, to the side that `direction` says, is for this PSM."""
+        """Record that a channel of this number, to the side of `direction`, is for this PSM."""
         key = direction, cid
         shared = direction is None and self.psms.get(key, psm) != psm
         self.psms[key] = None if shared else psm
@@ -80,7 +80,8 @@ class Links:
         return self._names.get(address)
 
     def feed(self, packet: CapturedPacket) -> Iterator[Payload | int]:
-        """Payloads that the packet completes; the handle of a connection that begins or ends."""
+        """Yield the payloads that the packet completes, and the handle of a connection that begins
+        or ends."""
         data = packet.data
         direction: Direction | None = None
         if packet.link_type == H4_WITH_DIRECTION:
@@ -96,7 +97,7 @@ class Links:
             yield from self._acl(data[1:], direction, packet.cut)
 
     def _event(self, event: bytes) -> Iterator[int]:
-        if len(event) < 3 or event[2]:  # every event used here begins with a status
+        if len(event) < 3 or event[2]:  # Every event used here begins with a status.
             return
         code, values = event[0], event[3:]
         if code == CONNECTION_COMPLETE and len(values) >= 8:
@@ -119,7 +120,7 @@ class Links:
         packet = data[4 : 4 + size]
         if boundary == CONTINUED:
             if direction not in link.fragments:
-                return  # its beginning is not in the capture
+                return  # Its beginning is not in the capture.
             packet = link.fragments.pop(direction) + packet
         else:
             link.fragments.pop(direction, None)
@@ -154,7 +155,7 @@ class Links:
                 psm = link.asked.get((direction, asker_cid))
                 if psm is not None and result == ACCEPTED:
                     del link.asked[direction, asker_cid]
-                    # The response goes to the asker, who will receive on its own number.
+                    # The response goes to the requester, which will receive on its own number.
                     link.open(direction, asker_cid, psm)
                     link.open(back, answerer_cid, psm)
             elif code == DISCONNECTION_REQUEST and len(values) >= 4:

@@ -1,4 +1,4 @@
-"""Wii Remotes in captures, as ``cardan dissect`` reads them."""
+"""Wii Remotes in captures, for ``cardan dissect``."""
 
 from __future__ import annotations
 
@@ -28,9 +28,8 @@ class Wiimote(Dissector):
 
     A report travels behind one byte, the HID transaction: a1 from the remote and a2 to it on the
     interrupt channel (PSM 0x13), 52 to it on the control channel (PSM 0x11). The set-up of the
-    connection says which channel has which PSM; where that is not in the capture, the byte does. A
-    connection is a remote's by the name of the device, or by the first report whose id and length
-    are those of a remote.
+    connection assigns PSMs to channels; without it the byte identifies them. A remote is recognized
+    by the name of the device, or by the first report with the id and length of a remote's.
     """
 
     name = "Wiimote"
@@ -45,7 +44,7 @@ class Wiimote(Dissector):
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         for found in self._links.feed(packet):
-            if isinstance(found, int):  # the connection ended, or another begins with its handle
+            if isinstance(found, int):  # The connection ended, or another begins with its handle.
                 self._remotes.pop(found, None)
                 continue
             if not found.data or found.psm not in (None, CONTROL, INTERRUPT):
@@ -69,7 +68,7 @@ class Wiimote(Dissector):
         transaction, data = payload.data[0], payload.data[1:]
         way = _way(payload)
         if way is None and payload.psm is None:
-            return  # of any channel
+            return  # Of any channel.
         self.packets += 1
         psm = payload.psm or (CONTROL if transaction == SET_OUTPUT else INTERRUPT)
         shown = way or payload.direction

@@ -1,18 +1,17 @@
 """scapy layers of the reports of the Wii Remote, its extensions' data and calibration blocks.
 
-Written from descriptions of the protocol, independent of Cardan's codec, so that each can be
-checked against the other. Values are raw: accelerometer counts (+X left, +Y tail, +Z up), camera
-pixels, gyroscope counts.
+Written from descriptions of the protocol, independent of Cardan's codec, for cross-checks. Values
+are raw: accelerometer counts (+X left, +Y tail, +Z up), camera pixels, gyroscope counts.
 
 `WiimoteInput(report)` (from the remote) and `WiimoteOutput(report)` (to it) dissect to the layer of
 the report, whose id is the first byte, to UnknownReport for another id, or to BrokenReport when
 bytes are missing; they never raise. The byte of the Bluetooth transport before the id (a1, a2, 52)
-is no part of a report. Bytes after a report are padding.
+is not part of a report. Bytes after a report are padding.
 
-An extension's data bytes are in the report's `extension`; what they mean depends on what is plugged
-in: `MotionPlusData`, `NunchukData`, `PassThroughNunchukData`. Blocks of the memory are
+An extension's data bytes are in the report's `extension`; their layout depends on the extension:
+`MotionPlusData`, `NunchukData`, `PassThroughNunchukData`. Blocks of the memory are
 `AccelerometerCalibration`, `CameraCalibration`, `NunchukCalibration`, `MotionPlusCalibration`.
-Checksums that are not given are counted when a block is built.
+Missing checksums are computed when a block is built.
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ DATA_MODES = (*range(0x30, 0x38), 0x3D, 0x3E, 0x3F)
 DATA_BYTES = 16
 """Data bytes of a memory report, used or not."""
 MISSING = 0x3FF
-"""Both coordinates where the camera sees nothing."""
+"""Both coordinates if the camera sees nothing."""
 CHECKSUM_START = 0x55
 
 
@@ -95,8 +94,8 @@ class Spot(NamedTuple):
 def _buttons(
     low_0: tuple[Any, ...] = (("unused_0", 2),), low_1: tuple[Any, ...] = (("unused_1", 2),)
 ) -> list[Any]:
-    """The two bytes of core buttons, most significant bit first; bits 6 and 5 of each belong to
-    the accelerometer."""
+    """Return the two bytes of core buttons, most significant bit first; bits 6 and 5 of each belong
+    to the accelerometer."""
     return [
         BitField("unused", 0, 1),
         *(BitField(name, 0, bits) for name, bits in low_0),
@@ -117,7 +116,7 @@ class ButtonsReport(Report):
 
     @property
     def buttons(self) -> tuple[str, ...]:
-        """Names of the buttons that are down."""
+        """Names of the pressed buttons."""
         return tuple(name for name in BUTTONS if self.getfieldval(name))
 
 
@@ -150,7 +149,7 @@ class IrBasicPair(Block):
 
     @property
     def spots(self) -> tuple[Spot | None, ...]:
-        """Both objects, None where there is none."""
+        """Both objects; None if absent."""
         return (
             _spot(self.x1_high << 8 | self.x1_low, self.y1_high << 8 | self.y1_low),
             _spot(self.x2_high << 8 | self.x2_low, self.y2_high << 8 | self.y2_low),
@@ -167,18 +166,18 @@ _IR_EXTENDED = (
 
 
 class IrExtended(Block):
-    """An object in three bytes."""
+    """Object in three bytes."""
 
     fields_desc = list(_IR_EXTENDED)
 
     @property
     def spots(self) -> tuple[Spot | None, ...]:
-        """The object, None when there is none."""
+        """Object; None if absent."""
         return (_spot(self.x_high << 8 | self.x_low, self.y_high << 8 | self.y_low, self.size),)
 
 
 class IrFull(Block):
-    """An object in nine bytes."""
+    """Object in nine bytes."""
 
     fields_desc = [
         *_IR_EXTENDED,
@@ -189,7 +188,7 @@ class IrFull(Block):
 
     @property
     def spots(self) -> tuple[Spot | None, ...]:
-        """The object, None when there is none."""
+        """Object; None if absent."""
         box = tuple(v & 0x7F for v in (self.x_min, self.y_min, self.x_max, self.y_max))
         x, y = self.x_high << 8 | self.x_low, self.y_high << 8 | self.y_low
         return (_spot(x, y, self.size, box, self.intensity),)
@@ -208,7 +207,7 @@ class CameraReport(ButtonsReport):
 
     @property
     def spots(self) -> tuple[Spot | None, ...]:
-        """The objects of this report, None where there is none."""
+        """Objects of this report; None if absent."""
         return tuple(spot for block in self.ir for spot in block.spots)
 
 
@@ -220,7 +219,7 @@ def _extension(size: int) -> Any:
 
 
 class StatusReport(ButtonsReport):
-    """Asked for, or sent by itself when an extension comes or goes."""
+    """Status: requested, or sent when an extension is plugged in or out."""
 
     fields_desc = [
         XByteField("id", 0x20),
@@ -236,7 +235,7 @@ class StatusReport(ButtonsReport):
 
     @property
     def leds(self) -> tuple[int, ...]:
-        """The LEDs that are lit, 1 to 4."""
+        """LEDs that are on, 1 to 4."""
         return _leds(self)
 
 
@@ -307,7 +306,7 @@ class CoreAccelerationIr10Extension6Report(AccelerationReport, CameraReport):
 
 
 class Extension21Report(Report):
-    """The only one without buttons."""
+    """Only report without buttons."""
 
     fields_desc = [XByteField("id", 0x3D), _extension(21)]
 
@@ -341,7 +340,8 @@ class InterleavedSecondReport(InterleavedReport):
 def interleaved_acceleration(
     first: InterleavedFirstReport, second: InterleavedSecondReport
 ) -> tuple[int, int, int]:
-    """X, Y and Z of 8 bits (a 10-bit count without its two lowest bits) of a pair of reports."""
+    """Return X, Y and Z of 8 bits (a 10-bit count without its two lowest bits) from a pair of
+    reports."""
     z = first.z_7_6 << 6 | first.z_5_4 << 4 | second.z_3_2 << 2 | second.z_1_0
     return first.x_high, second.y_high, z
 
@@ -350,7 +350,7 @@ def interleaved_acceleration(
 
 
 def _first_byte(*names: str) -> list[Any]:
-    """Payload byte 0 with flags down to bit 0, the rumble motor, which every report sets."""
+    """Return payload byte 0 with flags down to bit 0, the rumble motor, which every report sets."""
     flags = (*names, "rumble")
     rest = [BitField("unused", 0, 8 - len(flags))] if len(flags) < 8 else []
     return [*rest, *(BitField(name, 0, 1) for name in flags)]
@@ -375,12 +375,12 @@ class LedsReport(OutputReport):
 
     @property
     def leds(self) -> tuple[int, ...]:
-        """The LEDs to be lit, 1 to 4."""
+        """LEDs to switch on, 1 to 4."""
         return _leds(self)
 
 
 class DataModeReport(OutputReport):
-    """Which data report to send, and whether without change as well."""
+    """Selects the data report, and whether it is also sent without changes."""
 
     fields_desc = [
         XByteField("id", 0x12),
@@ -424,7 +424,7 @@ def _memory() -> list[Any]:
 
 
 class WriteReport(OutputReport):
-    """Writes 1 to 16 bytes; of another `size` the remote takes no notice."""
+    """Writes 1 to 16 bytes; the remote ignores another `size`."""
 
     fields_desc = [
         XByteField("id", 0x16),
@@ -435,7 +435,7 @@ class WriteReport(OutputReport):
 
     @property
     def content(self) -> bytes:
-        """The bytes to be written; what follows them means nothing."""
+        """Bytes to write; the rest is ignored."""
         return bytes(self.data[: self.size])
 
 
@@ -459,7 +459,7 @@ class SpeakerDataReport(OutputReport):
 
 
 def _by_id(*reports: type[Report]) -> dict[int, type[Report]]:
-    """By id; what a report of defaults has is the least that any of its kind has."""
+    """Return the classes by id; the default report has the minimum length of its kind."""
     for report in reports:
         report.least_bytes = len(bytes(report()))
     return {int(report().id): report for report in reports}
@@ -548,7 +548,7 @@ class MotionPlusData(Block):
 
     @property
     def slow(self) -> tuple[bool, bool, bool]:
-        """Whether yaw, roll and pitch are in the fine range."""
+        """True for each of yaw, roll and pitch in the fine range."""
         return bool(self.yaw_slow), bool(self.roll_slow), bool(self.pitch_slow)
 
 
@@ -603,7 +603,8 @@ class PassThroughNunchukData(Block):
 
 
 def _point(name: str) -> list[Any]:
-    """A point of the accelerometer: upper eight bits of each axis, then the lower ones of all."""
+    """Return a point of the accelerometer: upper eight bits of each axis, then the lower ones of
+    all."""
     return [
         *(ByteField(f"{name}_{axis}_high", 0) for axis in "xyz"),
         BitField(f"{name}_unused", 0, 2),
@@ -612,7 +613,7 @@ def _point(name: str) -> list[Any]:
 
 
 class Checked(Block):
-    """A block whose last byte is the sum of the others and 0x55."""
+    """Block whose last byte is the sum of the others and 0x55."""
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
         if self.checksum is None:
@@ -621,16 +622,16 @@ class Checked(Block):
 
     @property
     def checksum_ok(self) -> bool:
-        """Whether the checksum is right."""
+        """True if the checksum is right."""
         data = self.post_build(self.self_build(), b"")
         return data[-1] == checksum(data[:-1])
 
 
 class AccelerometerBlock(Block):
-    """A block that holds readings of an accelerometer at rest in each axis."""
+    """Block with readings of an accelerometer at rest in each axis."""
 
     def point(self, name: str) -> tuple[int, int, int]:
-        """X, Y and Z of "zero" or "one_g", counts of 10 bits."""
+        """Return X, Y and Z of "zero" or "one_g", counts of 10 bits."""
         x, y, z = (
             self.getfieldval(f"{name}_{axis}_high") << 2 | self.getfieldval(f"{name}_{axis}_low")
             for axis in "xyz"
@@ -674,7 +675,7 @@ class NunchukCalibration(AccelerometerBlock):
 
     @property
     def checksum_ok(self) -> bool:
-        """Whether both checksums are right."""
+        """True if both checksums are right."""
         data = self.post_build(self.self_build(), b"")
         first = checksum(data[:14])
         return data[14:16] == bytes([first, (first + CHECKSUM_START) % 256])
@@ -690,8 +691,8 @@ def _range(name: str) -> list[Any]:
 
 
 class MotionPlusCalibration(Block):
-    """32 bytes at 0x20 of a MotionPlus: of each range the reading at rest, the one at
-    6 * `degrees_by_6` deg/s, both of 16 bits (four times what reports have)."""
+    """32 bytes at 0x20 of a MotionPlus. Each range has the reading at rest and the one at 6 *
+    `degrees_by_6` deg/s, both of 16 bits (four times a report's value)."""
 
     fields_desc = [
         *_range("fast"),
@@ -710,12 +711,12 @@ class MotionPlusCalibration(Block):
 
     @property
     def checksum_ok(self) -> bool:
-        """Whether the CRC-32 is right."""
+        """True if the CRC-32 is right."""
         data = self.post_build(self.self_build(), b"")
         crc = zlib.crc32(data[:14] + data[16:30]).to_bytes(4, "big")
         return data[14:16] + data[30:32] == crc
 
 
 def checksum(data: bytes) -> int:
-    """The sum of the bytes and 0x55."""
+    """Return the sum of the bytes and 0x55."""
     return (sum(data) + CHECKSUM_START) % 256

@@ -14,31 +14,31 @@ class CardanRobotConfig(RobotConfig):
     network."""
 
     session: str = ""
-    """File of a session, whose operator device is left out; or else:"""
+    """File of a session, whose operator device is left out. Alternatives: `driver`, `address`."""
     driver: str = ""
-    """A driver, as `cardan devices drivers` lists them."""
+    """Name of a driver, from `cardan devices drivers`."""
     options: dict[str, Any] = field(default_factory=dict)
-    """Its options, as a session's [robot] has them."""
+    """Options of the driver, as in a session's [robot]."""
     address: str = ""
-    """Or the arm that a running session shows on the network: tcp/192.168.1.10:7447/NODE."""
+    """Arm of a running session on the network: tcp/192.168.1.10:7447/NODE."""
     model: str = ""
-    """The arm's model; a session's file names it."""
+    """Model of the arm; a session's file names it."""
     mapping: dict[str, Any] = field(default_factory=dict)
-    """As a session's [mapping], and in place of the file's: the frame and the full speeds of
-    actions, and the approach. The teleoperator's has to be the same."""
+    """Mapping as in a session's [mapping], in place of the file's: frame and full speeds of
+    actions, and approach. Use the same for the teleoperator."""
     gripper: dict[str, Any] = field(default_factory=dict)
-    """As a session's [gripper]: the output that it is on."""
+    """Gripper as in a session's [gripper]: the output that controls it."""
     limits: dict[str, Any] = field(default_factory=dict)
-    """As a session's [limits]."""
+    """Limits as in a session's [limits]."""
     action: str = "delta"
-    """"delta": shares of full speed; "target": the way since following began; "pose": where the
-    TCP is to be."""
+    """"delta": shares of full speed; "target": displacement since the start of following; "pose":
+    pose of the TCP."""
     network_gripper: bool = False
-    """Whether the arm at `address` has a gripper."""
+    """True if the arm at `address` has a gripper."""
     ready_timeout_s: float = 10.0
     """Longest wait for the robot's first measurement."""
     silence_timeout_s: float = 5.0
-    """Longest wait for a robot that falls silent: an observation takes as long, and is never an old
-    one."""
+    """Longest wait for a robot that falls silent: an observation blocks as long, and never returns
+    an old state."""
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    """LeRobot's, by name: observed beside the arm."""
+    """LeRobot's cameras by name, observed together with the arm."""

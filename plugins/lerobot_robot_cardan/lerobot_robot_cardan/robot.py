@@ -1,4 +1,4 @@
-"""LeRobot's class of a robot on top of Cardan's arms."""
+"""LeRobot's robot class for Cardan's arms."""
 
 import logging
 import time
@@ -18,18 +18,18 @@ from lerobot_robot_cardan.config_cardan import CardanRobotConfig
 logger = logging.getLogger(__name__)
 
 LOOK_S = 0.05
-"""How often `connect` looks whether the robot is heard."""
+"""Period of checks in `connect` for the robot's first state."""
 
 
 class CardanRobot(Robot):
-    """An arm, whose session runs at the robot's rate in a process of its own. An action asks; the
-    session decides, within its limits, and brakes when no more actions come."""
+    """Arm whose session runs at the robot's rate in a separate process. An action is a request; the
+    session applies its limits, and brakes without further actions."""
 
     config_class = CardanRobotConfig
     name = "cardan"
 
     def __init__(self, config: CardanRobotConfig) -> None:
-        """Opens nothing. Raises Cardan's ConfigurationError, which is a ValueError."""
+        """Create the robot without opening it. Raises Cardan's ConfigurationError, a ValueError."""
         self._arm: CartesianArm | None = None
         self._actions: ArmActions | None = None
         super().__init__(config)
@@ -51,8 +51,8 @@ class CardanRobot(Robot):
 
     @property
     def observation_features(self) -> dict[str, type | tuple[int | None, ...]]:
-        """By name: joints (rad, m), the TCP in the base (m, rotation vector in rad), the gripper;
-        of cameras the shape of a picture."""
+        """Observations by name: joints (rad, m), TCP in the base (m, rotation vector in rad),
+        gripper; for cameras the shape of an image."""
         made = self._made
         numbers = dict.fromkeys(observation_names(made.joints, made.gripper), float)
         pictures = {
@@ -62,23 +62,23 @@ class CardanRobot(Robot):
 
     @property
     def action_features(self) -> dict[str, type]:
-        """By name."""
+        """Actions by name."""
         return dict.fromkeys(action_names(self._made.kind, self._made.gripper), float)
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arm and the cameras are open."""
+        """True if the arm and the cameras are open."""
         opened = all(camera.is_connected for camera in self.cameras.values())
         return self._arm is not None and opened
 
     @property
     def is_calibrated(self) -> bool:
-        """Always: there is nothing to calibrate."""
+        """Always True: no calibration is needed."""
         return True
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open the arm and the cameras; nothing moves. Raises Cardan's errors where it cannot be
-        opened, and DeviceNotConnectedError where the robot is not heard in time."""
+        """Open the arm and the cameras, without motion. Raises Cardan's errors if they cannot be
+        opened, and DeviceNotConnectedError if the robot sends no state in time."""
         if self._arm is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
         made = self._made
@@ -123,8 +123,8 @@ class CardanRobot(Robot):
         """Do nothing: the configuration has all settings."""
 
     def get_observation(self) -> dict[str, Any]:
-        """Return the present measurement, and each camera's newest picture. Waits for a silent
-        robot; DeviceNotConnectedError where it stays silent."""
+        """Return the present measurement, and each camera's newest image. Waits for a silent robot,
+        and raises DeviceNotConnectedError if it stays silent."""
         actions = self._opened()
         observed: dict[str, Any] = dict(self._observed(actions, self.config.silence_timeout_s))
         for name, camera in self.cameras.items():
@@ -133,10 +133,10 @@ class CardanRobot(Robot):
 
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
         """Send an action within the arm's limits; return the action really sent. The first action
-        begins where the arm is; a far target is approached slowly.
+        begins at the arm's present pose; a far target is approached slowly.
 
-        If nothing can be sent now, the log says why, and the returned action is that of an arm
-        that holds. Raises Cardan's CommandError for numbers that are missing or none.
+        If nothing can be sent now, the log says why, and the returned action is that of an arm that
+        holds. Raises Cardan's CommandError for missing or invalid numbers.
         """
         actions = self._opened()
         try:

@@ -9,24 +9,24 @@ from lerobot.teleoperators import TeleoperatorConfig
 @TeleoperatorConfig.register_subclass("cardan")
 @dataclass
 class CardanTeleopConfig(TeleoperatorConfig):
-    """A device of Cardan: of a session's file, or of a driver."""
+    """Device of a session's file, or of a driver."""
 
     session: str = ""
-    """File of a session, of which [device], [mapping], [gripper], [limits] and [watchdogs] are
-    read; or else:"""
+    """File of a session, for [device], [mapping], [gripper], [limits] and [watchdogs]. Alternative:
+    `driver`."""
     driver: str = ""
-    """A driver, as `cardan devices drivers` lists them."""
+    """Name of a driver, from `cardan devices drivers`."""
     options: dict[str, Any] = field(default_factory=dict)
-    """Its options, as a session's [device] has them."""
+    """Options of the driver, as in a session's [device]."""
     mapping: dict[str, Any] = field(default_factory=dict)
-    """As a session's [mapping], and in place of the file's."""
+    """Mapping as in a session's [mapping], in place of the file's."""
     gripper: dict[str, Any] = field(default_factory=dict)
-    """As a session's [gripper]: its buttons."""
+    """Gripper as in a session's [gripper]: its buttons."""
     action: str = "delta"
-    """"delta": shares of full speed; "target": the way since following began."""
+    """"delta": shares of full speed; "target": displacement since the start of following."""
     success_button: str = ""
-    """Ends an episode that succeeded; empty: none."""
+    """Button that ends a successful episode; empty: none."""
     failure_button: str = ""
-    """Ends an episode that failed."""
+    """Button that ends a failed episode."""
     rerecord_button: str = ""
-    """Ends an episode that is to be recorded anew."""
+    """Button that ends an episode to be recorded again."""

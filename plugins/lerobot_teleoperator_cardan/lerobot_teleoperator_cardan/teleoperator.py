@@ -1,4 +1,4 @@
-"""LeRobot's class of a teleoperator on top of Cardan's devices."""
+"""LeRobot's teleoperator class for Cardan's devices."""
 
 import logging
 import time
@@ -18,14 +18,15 @@ logger = logging.getLogger(__name__)
 
 
 class CardanTeleop(Teleoperator):
-    """A hand-held device. The action is rest while no clutch is held or the device is lost: the
-    dead-man's rules are those of Cardan's sessions."""
+    """Hand-held device. The action is zero motion while no clutch is held or the device is lost:
+    the rules of the dead-man switch are those of Cardan's sessions."""
 
     config_class = CardanTeleopConfig
     name = "cardan"
 
     def __init__(self, config: CardanTeleopConfig) -> None:
-        """Opens nothing. Raises Cardan's ConfigurationError, which is a ValueError."""
+        """Create the teleoperator without opening it. Raises Cardan's ConfigurationError, a
+        ValueError."""
         self._connected = False
         super().__init__(config)
         self.config = config
@@ -44,7 +45,7 @@ class CardanTeleop(Teleoperator):
 
     @property
     def action_features(self) -> dict[str, type]:
-        """By name; the gripper's is always among them."""
+        """Actions by name, always with the gripper's."""
         return dict.fromkeys(action_names(self._actions.kind, gripper=True), float)
 
     @property
@@ -55,16 +56,16 @@ class CardanTeleop(Teleoperator):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the device is open; an unplugged device still is, and its action is rest."""
+        """True if the device is open, even if it is unplugged; its action is then zero motion."""
         return self._connected
 
     @property
     def is_calibrated(self) -> bool:
-        """Always: there is nothing to calibrate."""
+        """Always True: no calibration is needed."""
         return True
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open the device. Raises Cardan's DriverError where there is none."""
+        """Open the device. Raises Cardan's DriverError if there is none."""
         if self._connected:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
         self._device.open()

@@ -131,12 +131,72 @@ int32_t ur_take(const UrStates *states, const uint8_t *data, int64_t length, dou
 
 /* -- commands ------------------------------------------------------------------------------------ */
 
+static bool command_in_range(const UrCommands *commands, const UrReference *reference)
+{
+    return joints_in_range(reference->positions, commands->largest_position) &&
+           (!reference->has_velocities ||
+            joints_in_range(reference->velocities, commands->largest_velocity));
+}
+
+int32_t ur_follow(const UrCommands *commands, UrReference *reference, double dt_s, UrSlip *slip)
+{
+    const double *velocity = reference->velocities, nothing = commands->nothing;
+    double ahead = 0.0, square = 0.0, faster = 0.0, size = 0.0;
+    if (!is_period(dt_s) || !reference->has_velocities || !command_in_range(commands, reference))
+        return 0;
+    for (int i = 0; i < UR_JOINTS; i++) {
+        double v = velocity[i], each = slip->offset[i], r = slip->rate[i];
+        ahead += each * v;
+        square += v * v;
+        size += each * each;
+        faster += r * (v + 0.5 * r);
+    }
+    if (!(square >= nothing * nothing) || !(size > 0.0))
+        return 0;
+    double fastest = slip->fastest * (1.0 - fmin(dt_s / commands->recent_s, 1.0)), back = 0.0;
+    if (ahead > 0.0)
+        back = -fmin(1.0 / commands->work_off_s, commands->work_off_share * sqrt(square / size));
+    double share = fmin(dt_s / commands->slow_down_s, 1.0);
+    if (faster <= 0.0) {
+        double slower = 0.0, gain = 0.0;
+        for (int i = 0; i < UR_JOINTS; i++) {
+            double more = back * slip->offset[i] - slip->rate[i];
+            slower += more * more;
+            gain += more * velocity[i];
+        }
+        share = dt_s / commands->speed_up_s;
+        if (gain > 0.0)
+            share *= sqrt(square / slower);
+        share = fmin(share, 1.0);
+    }
+    UrSlip next = *slip;
+    bool left = false;
+    for (int i = 0; i < UR_JOINTS; i++) {
+        double each = slip->offset[i], v = velocity[i], r = slip->rate[i];
+        double was = slip->before[i] + r, aim = v + back * each;
+        double low = was > aim ? aim : was, high = was > aim ? was : aim;
+        double speed = v + r + share * (back * each - r);
+        speed = speed < low ? low : speed;
+        speed = speed > high ? high : speed;
+        next.rate[i] = r = speed - v;
+        next.offset[i] = each = each + r * dt_s;
+        left = left || !(fabs(each) <= nothing && fabs(r) <= nothing);
+    }
+    if (!left)
+        return 0;
+    next.fastest = fmax(fastest, sqrt(square));
+    *slip = next;
+    for (int i = 0; i < UR_JOINTS; i++) {
+        reference->positions[i] += slip->offset[i];
+        reference->velocities[i] += slip->rate[i];
+    }
+    return 1;
+}
+
 int32_t ur_answer(const UrCommands *commands, UrReference *reference, double dt_s, int32_t beat,
                   uint8_t *into)
 {
-    if (!is_period(dt_s) || !joints_in_range(reference->positions, commands->largest_position) ||
-        (reference->has_velocities &&
-         !joints_in_range(reference->velocities, commands->largest_velocity)))
+    if (!is_period(dt_s) || !command_in_range(commands, reference))
         return 0;
     for (int i = 0; i < UR_JOINTS; i++) {
         double goal = reference->positions[i], forward = 0.0;

@@ -58,6 +58,8 @@ typedef struct {
 typedef struct {
     JointLimits limits;
     double largest_position, largest_velocity; /* of a command */
+    /* WORK_OFF_S and so on of missed_cycles.py */
+    double work_off_s, work_off_share, recent_s, speed_up_s, slow_down_s, nothing;
     int32_t token, order;
     uint8_t head[UR_HEAD];
 } UrCommands;
@@ -70,6 +72,12 @@ typedef struct {
     int32_t has_velocities, has_target;
 } UrReference;
 
+/* SlipCompensation of missed_cycles.py in motion */
+typedef struct {
+    double offset[UR_JOINTS], rate[UR_JOINTS], fastest;
+    double before[UR_JOINTS]; /* speeds of the command before */
+} UrSlip;
+
 UR_API const char *ur_version(void);
 UR_API size_t ur_layout(const size_t **values);
 
@@ -77,6 +85,11 @@ UR_API size_t ur_layout(const size_t **values);
  * anything but one usual state. */
 UR_API int32_t ur_take(const UrStates *states, const uint8_t *data, int64_t length, double now_s,
                        UrClock *clock, UrState *into);
+
+/* One period of SlipCompensation.step, which is added to the command. 0, and nothing is changed, where
+ * the command rests, the slip ends, or a number is none or out of range. */
+UR_API int32_t ur_follow(const UrCommands *commands, UrReference *reference, double dt_s,
+                         UrSlip *slip);
 
 /* One period of the limiter, and the data package in `into` of UR_COMMAND_SIZE bytes. 0, and nothing
  * is changed, where a number is none or out of range, or the period is not above 0. */

@@ -25,7 +25,7 @@ class Progress(NamedTuple):
 
     over: bool
     reason: str = ""
-    """Why it did not arrive; empty when it did, or goes on."""
+    """Why it did not arrive; empty while it goes on, or when it arrived."""
 
 
 GOING = Progress(False)
@@ -42,33 +42,33 @@ class CommandedMotion(ABC):
     command: RobotCommand | None = None
     """Sent to the robot in place of the commanded arm's command."""
     fault = ""
-    """Why it must not go on; empty while it may."""
+    """Reason why it must not continue; empty while it may."""
     heard_s = math.inf
     """Time of the newest command of the source, s; infinite where a source need not renew it."""
     silence_s = math.inf
     """Longest silence of the source after which the motion may go on."""
     recovers = False
-    """Whether it brings the command back to its robot."""
+    """True if it brings the command back to its robot."""
     follows_operator = False
-    """Whether it follows the operator device."""
+    """True if it follows the operator device."""
     in_one_step = False
-    """Whether a long period must not be divided for it."""
+    """True if a long period must not be divided for it."""
     outlives_silence = False
-    """Whether silence of the source only brakes it, and does not end it."""
+    """True if silence of the source only brakes it, and does not end it."""
 
     @property
     def yields(self) -> bool:
-        """True while something else than a command may move the arm."""
+        """True while the arm may be moved by something other than a command."""
         return False
 
     @property
     def driven(self) -> bool:
-        """Whether the arm would continue to move if its source fell silent now."""
+        """True if the arm would continue to move after its source fell silent now."""
         return False
 
     @property
     def idle(self) -> bool:
-        """True while nothing moves and nothing is asked for."""
+        """True while nothing moves and no motion is requested."""
         return False
 
     @abstractmethod
@@ -77,7 +77,7 @@ class CommandedMotion(ABC):
 
     @abstractmethod
     def brake(self) -> None:
-        """Come to rest from now on; `tick` says when that is done."""
+        """Come to rest from now on; `tick` reports the end."""
 
     def release(self) -> None:  # noqa: B027 - only one of them outlives silence
-        """Drive nothing from the next tick on, where it outlives silence."""
+        """Drive nothing from the next tick on, if it outlives silence."""

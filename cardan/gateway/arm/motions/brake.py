@@ -1,4 +1,4 @@
-"""Brings a moving arm to rest."""
+"""Braking of a moving arm."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cardan.gateway.motion.speed_limited_reference import Reference
 
 
 class Brake(ReferenceMotion):
-    """Ramps the TCP to rest within the reference's limits, from the speed that it has."""
+    """Ramps the TCP from its present speed to rest within the reference's limits."""
 
     def __init__(self, commanded: CommandedArm, reference: Reference) -> None:
         super().__init__(commanded, reference)

@@ -24,8 +24,8 @@ class FollowJointStream(CommandedMotion):
         self._braking = False
 
     def aim(self, rates: FloatArray) -> bool:
-        """The joints are to move at `rates` (rad/s, m/s) from now on; True when that was too fast
-        and is slowed, all joints alike."""
+        """Set the joint speeds from now on to `rates` (rad/s, m/s); return whether these were too
+        fast and are slowed, all joints alike."""
         over = float((np.abs(rates) / self._fastest).max())
         self._target = rates / max(1.0, over)
         return over > 1.0

@@ -52,16 +52,16 @@ class FollowJointTrajectory(FollowJoints):
 
     @property
     def elapsed_s(self) -> float:
-        """Since the start."""
+        """Time since the start."""
         return self._elapsed_s
 
     def desired(self) -> tuple[FloatArray, FloatArray]:
-        """Joint positions and velocities that the trajectory has now."""
+        """Present joint positions and velocities of the trajectory."""
         return self._way.at(self._elapsed_s)
 
     @property
     def point(self) -> int:
-        """Index of the trajectory's point that it is at, or came from."""
+        """Index of the trajectory's present or last passed point."""
         return max(0, bisect_right(self._times_s, self._elapsed_s) - 1)
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
@@ -85,6 +85,6 @@ class FollowJointTrajectory(FollowJoints):
 
 
 def _free_where_0(tolerance: Sequence[float]) -> FloatArray:
-    """Tolerances of the joints, where 0 means that a joint may be anywhere."""
+    """Return the joints' tolerances, with 0 replaced by infinity: the joint may be anywhere."""
     given = np.array(tolerance)
     return np.where(given > 0.0, given, np.inf)

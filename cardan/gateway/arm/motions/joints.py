@@ -17,7 +17,8 @@ from cardan.gateway.servo.choice import AnyServo
 from cardan.types import RobotState
 
 ARRIVED_RAD = 1e-5
-"""Largest distance of a commanded joint from its goal, rad or m, at which the command is there."""
+"""Largest distance of a commanded joint from its goal, rad or m, at which the command has arrived.
+"""
 
 
 class FollowJoints(TrajectoryMotion):
@@ -36,7 +37,7 @@ class FollowJoints(TrajectoryMotion):
         self._path = path
         self._slowing = deceleration.joint_share * servo.kinematics.acceleration
         self._near = np.full(servo.joints, arrival.options.arrival_joint)
-        """Farthest that each measured joint may be from its goal."""
+        """Largest distance of each measured joint from its goal."""
 
     def brake(self) -> None:
         """Stop along the path."""
@@ -77,8 +78,8 @@ class FollowJoints(TrajectoryMotion):
     def _beyond(
         self, robot: RobotState, desired: FloatArray, tolerance: FloatArray
     ) -> tuple[int | None, float]:
-        """The measured joint that is farthest beyond its tolerance, and how far it is away; None
-        where none is."""
+        """Return the measured joint that is farthest beyond its tolerance, and its distance from
+        the goal; None if none is."""
         away = np.abs(
             short_way(np.array(robot.joints) - desired, self._servo.kinematics.continuous)
         )

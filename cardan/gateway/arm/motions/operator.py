@@ -1,4 +1,4 @@
-"""Follows the operator device in rate, position or absolute mode, as its newest request asks."""
+"""Motion by the operator device in rate, position or absolute mode."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from cardan.types import ZERO_TWIST
 
 
 class FollowOperator(ReferenceMotion):
-    """The TCP goes as the newest request of an operator device asks."""
+    """Moves the TCP by the newest request of an operator device."""
 
     follows_operator = True
 

@@ -47,8 +47,8 @@ class FollowPoseStream(ReferenceMotion):
         shaper: PoseShaper,
         prediction_s: float = 0.0,
     ) -> None:
-        """`prediction_s`: longest extrapolation of the target by the last poses, which removes the
-        delay of a message; a target that stops may be passed by as much."""
+        """`prediction_s`: longest extrapolation of the target from the last poses, which removes
+        the delay of a message; the TCP may overshoot a target that stops by as much."""
         super().__init__(commanded, reference, deceleration)
         self.target: Pose | None = None
         self._shaper = shaper
@@ -74,7 +74,8 @@ class FollowPoseStream(ReferenceMotion):
         )
 
     def aim(self, target: Pose, now_s: float) -> None:
-        """Go to `target` from now on, or, with prediction, to where the last targets lead."""
+        """Go to `target` from now on, or, with prediction, to the extrapolation of the last
+        targets."""
         if self._prediction_s > 0.0 and self.target is not None:
             since_s = now_s - self._aimed_s
             if 0.0 < since_s < LONGEST_BETWEEN_S:

@@ -1,4 +1,4 @@
-"""Brings a command back to a robot that is not where it was commanded to be."""
+"""Recovery: brings a command back to a robot that did not follow it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import RobotState
 
 SETTLING_TIMES = 5.0
-"""Time constants within which an approach comes near, beside the time of the way at full speed."""
+"""Longest duration of an approach in time constants, in addition to the time of the distance at
+full speed."""
 
 MARGIN_M, MARGIN_RAD = 0.01, 0.05
 """The command moves by the distance to its robot and at most this much more: beyond, it would chase
@@ -38,10 +39,8 @@ NO_WAY = Way(0.0, 0.0)
 
 
 class Recover(CommandedMotion):
-    """The command moves slowly to where the robot is measured; the robot need not move.
-
-    It ends near the robot, or after the maximum lead, or by `brake`: then `near` is False.
-    """
+    """Moves the command slowly to the robot's measured position; the robot need not move. It ends
+    near the robot, or after the maximum lead, or by `brake`: then `near` is False."""
 
     recovers = True
 
@@ -71,12 +70,12 @@ class Recover(CommandedMotion):
         )
         self._braking = False
         self.near = False
-        """Whether the command is back at its robot."""
+        """True once the command is back at its robot."""
         self.went = went
         """Length of recoveries since the last re-arming, this one included."""
 
     def brake(self) -> None:
-        """End it where it is."""
+        """End it at its present position."""
         self._braking = True
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:

@@ -12,16 +12,16 @@ from cardan.types import ZERO3, ZERO_TWIST, RobotState
 
 
 class ReferenceMotion(CommandedMotion):
-    """A TCP that follows a reference point, which begins where the TCP is commanded to be."""
+    """Motion of a TCP that follows a reference point, beginning at its commanded position."""
 
     slides = True
-    """Whether an obstacle leaves the part of the motion that goes along it."""
+    """True if an obstacle leaves the part of the motion along its surface."""
     wanted = ZERO_TWIST
     """Twist that it approaches while it does not brake."""
     rates: Mapping[str, float] | None = None
-    """Joint speeds wanted beside it, rad/s or m/s; None: none."""
+    """Joint speeds wanted in addition, rad/s or m/s; None: none."""
     smooth = True
-    """Whether its jerk is limited while it does not brake."""
+    """True if its jerk is limited while it does not brake."""
 
     def __init__(
         self,
@@ -29,13 +29,13 @@ class ReferenceMotion(CommandedMotion):
         reference: Reference,
         deceleration: Deceleration | None = None,
     ) -> None:
-        """`deceleration`: for stops, where it is more than the reference's own acceleration."""
+        """`deceleration`: for stops, if higher than the reference's own acceleration."""
         self._commanded = commanded
         self.reference: Reference = reference
         if not commanded.moving:
             reference.place(commanded.pose)
         self._stopping: ReferenceLimits | None = None
-        """Its limits while it brakes; None: as ever."""
+        """Its limits while it brakes; None: the usual ones."""
         if deceleration is not None:
             limits = reference.limits
             self._stopping = replace(
@@ -65,7 +65,7 @@ class ReferenceMotion(CommandedMotion):
         return not self.driven and not self.reference.moving and not self._commanded.moving
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
-        """Move reference and arm for `dt_s`; over once a brake has come to rest."""
+        """Move reference and arm for `dt_s`; it ends once the arm has braked to rest."""
         commanded, reference, rates = self._commanded, self.reference, self.rates
         if self._resting:
             commanded.brake(dt_s)
@@ -76,7 +76,7 @@ class ReferenceMotion(CommandedMotion):
             and not rates
             and (not (moving := commanded.moving) or commanded.settled)
         ):
-            # Nothing is asked for, so nothing is solved for: no creeping on rounding errors.
+            # Without a request nothing is solved: no creeping on rounding errors.
             if moving:
                 commanded.brake(dt_s)
             self._resting = self.braking

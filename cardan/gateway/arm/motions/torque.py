@@ -60,7 +60,7 @@ class TorqueMotion(CommandedMotion):
         self.limits = limits
         self._commanded = commanded
         self._seen: RobotState | None = None
-        """The newest state, and the speeds of its joints."""
+        """The newest plausible state, with the speeds of its joints."""
         self._speeds: FloatArray = np.zeros(len(model.joints))
         self._braking = self._caught = False
         self._kinematics = kinematics
@@ -79,7 +79,7 @@ class TorqueMotion(CommandedMotion):
 
     @property
     def driven(self) -> bool:
-        """True while a wrench is exerted, which must not go on when its source falls silent."""
+        """True while it exerts a wrench, which must end when its source falls silent."""
         return self.target.force != ZERO3 or self.target.torque != ZERO3
 
     def brake(self) -> None:
@@ -88,7 +88,7 @@ class TorqueMotion(CommandedMotion):
         self.command = None
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
-        """Torques for the measured joints; told to brake, a ramp of positions."""
+        """Return torques for the measured joints; while braking, a ramp of positions."""
         commanded = self._commanded
         if self._caught:
             commanded.brake(dt_s)
@@ -108,7 +108,7 @@ class TorqueMotion(CommandedMotion):
         return GOING
 
     def _look(self, robot: RobotState) -> FloatArray:
-        """The joints of `robot`, or of the state before where these cannot be."""
+        """Take the joints of `robot`, or of the state before if these are impossible."""
         before = self._seen
         if before is not None:
             time_s = max(robot.stamp_s - before.stamp_s, robot.period_s, 0.0)
@@ -122,7 +122,7 @@ class TorqueMotion(CommandedMotion):
         return q
 
     def check_weight(self, q: FloatArray) -> None:
-        """Raises MotionRefusedError where a joint cannot hold the arm's weight at `q`."""
+        """Raise MotionRefusedError if a joint cannot hold the arm's weight at `q`."""
         gravity = _Weight(self._kinematics.arm, self._kinematics).torques(q)
         excess = np.abs(gravity) - self._effort
         worst = int(np.argmax(excess))
@@ -133,10 +133,8 @@ class TorqueMotion(CommandedMotion):
             )
 
     def set_wrench(self, wrench: Wrench) -> None:
-        """Exert `wrench` on the world; it is approached by the slew limits.
-
-        Raises MotionRefusedError for more than is allowed.
-        """
+        """Exert `wrench` on the world; it is approached by the slew limits. Raises
+        MotionRefusedError for a larger one than allowed."""
         force, torque = norm(wrench.force), norm(wrench.torque)
         if force > self.limits.force_n or torque > self.limits.torque_nm:
             raise MotionRefusedError(
@@ -144,17 +142,17 @@ class TorqueMotion(CommandedMotion):
                 f"{self.limits.force_n:.1f} N and {self.limits.torque_nm:.1f} N·m allowed"
             )
         if wrench.frame is not self.target.frame:
-            # Along other axes, so it starts anew.
+            # Along other axes, so it starts from zero.
             self._force = self._torque = ZERO3
         self.target = wrench
 
     def release(self) -> None:
-        """No wrench from the next tick on."""
+        """Exert no wrench from the next tick on."""
         self.target = Wrench(ZERO3, ZERO3, self.target.frame)
         self._force = self._torque = ZERO3
 
     def runaway(self, q: FloatArray, v: FloatArray) -> str:
-        """Why the arm has to be stopped; empty while it is slow and inside its limits."""
+        """Return why the arm has to be stopped; empty while it is slow and inside its limits."""
         kinematics = self._kinematics
         for index in np.flatnonzero(np.abs(v) > self._fastest):
             return (
@@ -201,7 +199,7 @@ class _Weight:
         self._springs = Counterbalance(self._model, joints) if joints else None
 
     def torques(self, q: FloatArray) -> FloatArray:
-        """At the joint positions `q`, N·m or N."""
+        """Return the torques at the joint positions `q`, N·m or N."""
         weight: FloatArray = pin.computeGeneralizedGravity(self._model, self._data, q)
         return weight if self._springs is None else weight - self._springs.torques(q)
 

@@ -1,4 +1,4 @@
-"""Motions along a path: its clock, when they are over, and why an arm cannot follow one."""
+"""Motions along a path: their clock, their end, and reasons why an arm cannot follow one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SETTLE_S = 1.0
 """Longest time for the last fraction of a millimeter of a path."""
 
 AT_REST_RAD_S = 2e-4
-"""All joints slower than this can stop within one period."""
+"""Joint speed below which all joints can stop within one period, rad/s or m/s."""
 
 TOLERANCE_M = 1e-3
 TOLERANCE_RAD = 5e-3
@@ -24,11 +24,11 @@ STUCK_SHARE = 0.01
 """Share of the wanted speed below which an arm counts as stuck."""
 
 STUCK_S = 0.5
-"""How long an arm must be that slow to count as stuck."""
+"""Time at such a speed after which an arm counts as stuck."""
 
 
 class TrajectoryClock:
-    """The time of a path, s, which runs at 0 to 1 times real time."""
+    """Time of a path, s, at 0 to 1 times real time."""
 
     def __init__(self, duration_s: float) -> None:
         self.duration_s = duration_s
@@ -38,12 +38,12 @@ class TrajectoryClock:
 
     @property
     def braking(self) -> bool:
-        """True once it was told to stop."""
+        """True once it was asked to stop."""
         return self._decay_1_s > 0.0
 
     @property
     def over(self) -> bool:
-        """True at the end of the path, or where it was stopped."""
+        """True at the end of the path, or at its stop."""
         return self.time_s >= self.duration_s or self._rate <= 0.0
 
     @property
@@ -57,12 +57,12 @@ class TrajectoryClock:
             self._decay_1_s = self._rate / max(time_s, 1e-6)
 
     def next_step(self, dt_s: float) -> float:
-        """How much of the path's time the next period should take."""
+        """Return the share of the path's time for the next period, s."""
         self._rate = max(0.0, self._rate - self._decay_1_s * dt_s)
         return min(self._rate * dt_s, self.duration_s - self.time_s)
 
     def advance(self, step_s: float, share: float, dt_s: float) -> None:
-        """The period went by, and `share` of the step could be done."""
+        """Advance by a period in which `share` of the step was possible."""
         self.time_s += share * step_s
         if self.duration_s - self.time_s < 1e-9:
             self.time_s = self.duration_s
@@ -71,8 +71,8 @@ class TrajectoryClock:
 
 
 class TrajectoryMotion(CommandedMotion):
-    """A motion along a path. It has arrived once its command is at rest at the end of the path, and
-    the measured arm too."""
+    """Motion along a path. It has arrived once its command, and the measured arm too, is at rest at
+    the end of the path."""
 
     def __init__(self, servo: AnyServo, duration_s: float, arrival: Arrival) -> None:
         self._servo = servo
@@ -108,8 +108,8 @@ class TrajectoryMotion(CommandedMotion):
         return GOING
 
     def _wait(self, robot: RobotState, dt_s: float) -> Progress:
-        """Have the arm come to where its command is."""
-        # A robot that lags has perhaps not begun to move: then near is very near.
+        """Wait for the arm to reach its command."""
+        # A robot that lags may not have begun to move: then the tolerance is small.
         early = self._waited_s < min(self._arrival.lag_s, self._timeout_s)
         left = self._left(robot, early)
         if self._arrival.arrived(robot, not left):
@@ -120,26 +120,26 @@ class TrajectoryMotion(CommandedMotion):
         return Progress(True, self._not_arrived(left))
 
     def _not_arrived(self, left: str) -> str:
-        """Why the arm, that has `left` to go, was waited for in vain."""
+        """Return why the arm, which is still `left` from its goal, did not arrive in time."""
         why = left or "it still moves"
         return f"the arm has not arrived {self._timeout_s:g} s after its command: {why}"
 
     @abstractmethod
     def _follow(self, step_s: float, dt_s: float) -> float:
-        """Follow the path for `step_s` of its time; the share of it that could be done."""
+        """Follow the path for `step_s` of its time; return the share that was possible."""
 
     @abstractmethod
     def _commanded_there(self) -> bool:
-        """Whether the command is at the end of the path."""
+        """Return whether the command is at the end of the path."""
 
     @abstractmethod
     def _missed(self) -> str:
-        """Why the command has not come to the end of the path; empty: it has."""
+        """Return why the command has not reached the end of the path; empty if it has."""
 
     @abstractmethod
     def _left(self, robot: RobotState, early: bool) -> str:
-        """How far the measured arm is from the end of the path; empty: it is near enough, which is
-        less where it is `early`."""
+        """Return the distance of the measured arm from the end of the path, as text; empty if it is
+        near enough. The tolerance is smaller while it is `early`."""
 
 
 def stuck_in_words(servo: AnyServo, share: float) -> str:

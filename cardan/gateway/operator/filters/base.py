@@ -1,10 +1,8 @@
-"""The interface of a filter: all that the controller knows about shared control.
-
-A filter stands between the mapping and the reference. It gets the twist that the operator asks for
-and returns the one to be used; every limit, the maximum lead and the workspace come after it, so it
-can make a motion wrong but never unsafe in speed, acceleration or position. Filters are found by
-name like drivers; third parties add theirs through the entry-point group ``cardan.filters``.
-"""
+"""The interface of a filter for shared control, between the mapping and the reference. It gets the
+twist that the operator requests and returns the one to be used; every limit, the maximum lead and
+the workspace apply after it, so it cannot make a motion unsafe in speed, acceleration or position.
+Filters are found by name like drivers; third parties add theirs through the entry-point group
+``cardan.filters``."""
 
 from __future__ import annotations
 
@@ -25,7 +23,7 @@ class TwistFilter(Driver):
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self.name = type(self).__name__
-        """Its name in messages; a session sets the name that its configuration uses."""
+        """Its name in messages; a session sets the configured name."""
 
     @abstractmethod
     def apply(self, twist: Twist, robot: RobotState) -> Twist:
@@ -40,10 +38,10 @@ class TwistFilter(Driver):
 
     @abstractmethod
     def status(self) -> str:
-        """Effect on the operator's motion now; empty if there is none."""
+        """Return the effect on the operator's motion now; empty if there is none."""
 
     def describe(self) -> str:
-        """Effect as configured, in one line; works without open()."""
+        """Return the configured effect in one line; works without open()."""
         return ""
 
     def diagnosis(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from cardan.gateway.operator.filters.base import TwistFilter
 ENTRY_POINT_GROUP = "cardan.filters"
 
 BUILT_IN: dict[str, str] = {}
-"""None is the package's own: two published ones are in plugins/cardan-filters."""
+"""Filters in this package: none; two published ones are in plugins/cardan-filters."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class FilterTable(Options):
 
     @classmethod
     def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
-        """The options of the table's filter; None where that cannot be loaded."""
+        """Return the options of the table's filter; None if it cannot be loaded."""
         return FINDER.options_of(table.get("filter", ""))
 
 

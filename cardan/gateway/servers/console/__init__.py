@@ -1,1 +1,2 @@
-"""The console: a page that shows the arms, moves them, and lets a phone be the operator device."""
+"""The console: a page that shows the arms, moves them, and serves a phone as the operator
+device."""

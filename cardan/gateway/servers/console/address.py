@@ -1,5 +1,5 @@
-"""The address of the page for people: by which name of this computer, with the token behind the
-sign that browsers do not send (#), and as a picture that a phone's camera reads."""
+"""Address of the page for people: a name of this computer, the token in the fragment (#), which
+browsers do not send, and a QR code for a phone's camera."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ _SIOCGIFADDR: Final = 0x8915
 """Request of Linux (netdevice(7)): the address of an interface."""
 
 _ELSEWHERE: Final = ("192.0.2.1", 9)
-"""For asking by which address others are reached (RFC 5737): nothing is sent."""
+"""Remote address for finding the outgoing route (RFC 5737): nothing is sent."""
 
 _INET6: Final = "/proc/net/if_inet6"
 
 
 def own_addresses() -> list[str]:
-    """The addresses of this computer that others may use, the one of the way out first."""
+    """Return the addresses of this computer that others may use, that of the outgoing route
+    first."""
     found = dict.fromkeys((*_way_out(), *_of_interfaces(), *_of_inet6()))
     return [each for each in found if _is_of_use(each)]
 
 
 def own_names() -> list[str]:
-    """Names and addresses of this computer, for a certificate."""
+    """Return names and addresses of this computer, for a certificate."""
     name = socket.gethostname().lower()
     names = [name, f"{name}.local"] if name and not name.endswith(".local") else [name]
     return [*filter(None, names), "localhost", *own_addresses(), "127.0.0.1", "::1"]
@@ -79,14 +80,15 @@ def reachable_host(host: str) -> str:
 
 
 def page_address(scheme: str, host: str, port: int, token: str) -> str:
-    """Address at which a person opens the page."""
+    """Return the address for opening the page."""
     shown = f"[{host}]" if ":" in host else host
     fragment = f"#t={token}" if token else ""
     return f"{scheme}://{shown}:{port}/{fragment}"
 
 
 def picture(address: str) -> str:
-    """The address as a QR code for a terminal; without the package segno, how to get one."""
+    """Return the address as a QR code for a terminal; without the package segno, how to install
+    it."""
     try:
         import segno
     except ImportError as error:

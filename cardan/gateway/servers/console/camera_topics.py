@@ -1,5 +1,5 @@
-"""The server's cameras on the bus, with image_transport's names for compressed pictures: read while
-there is a subscriber, newest picture only, at lowest priority."""
+"""The server's cameras on the bus, under image_transport's names for compressed pictures: read
+while there is a subscriber, newest picture only, at lowest priority."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _log = logging.getLogger(__name__)
 
 
 def frame_of(name: str) -> str:
-    """A camera's name as ROS may have it, which is its frame too."""
+    """Return a camera's name in the form of ROS, which is its frame too."""
     word = re.sub("[^A-Za-z0-9]+", "_", name).strip("_") or "camera"
     return f"camera_{word}" if word[0].isdigit() else word
 
 
 def topic_of(name: str) -> str:
-    """Topic of the pictures of the camera of this name."""
+    """Return the topic of the pictures of the camera of this name."""
     return f"/camera/{frame_of(name)}/image_raw/compressed"
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Raises OptionError where two cameras would have one topic."""
+    """Raise OptionError if two cameras would have one topic."""
     topics = [topic_of(each) for each in names]
     for topic in topics:
         if topics.count(topic) > 1:
@@ -46,7 +46,7 @@ def check_names(names: Sequence[str]) -> None:
 
 
 async def publish(network: Network, camera: Camera) -> None:
-    """Publish a camera until this is canceled."""
+    """Publish a camera until this task is canceled."""
     topic = topic_of(camera.address.name)
     try:
         publisher = network.advertise(topic, TYPE, False)

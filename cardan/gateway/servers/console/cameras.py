@@ -1,6 +1,6 @@
 """Cameras that the server shows to pages: each is read once for all pages, and only while a page
-shows it; a slow page gets fewer pictures, never older ones, because each is sent when the page has
-shown the one before."""
+shows it; a slow page gets fewer pictures, never older ones, because each is sent after the page has
+shown the previous one."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from cardan.gateway.servers.console.video import pictures as pictures_of_device
 from cardan.protocols.mjpeg import MAX_PICTURE_BYTES, START, PictureParser, boundary_of
 
 SILENT_S: Final = 5.0
-"""A camera that says nothing so long is gone."""
+"""Silence after which a camera counts as gone."""
 
 AGAIN_S: Final = 2.0
-"""Pause before a camera that failed is tried again."""
+"""Pause before the next attempt with a camera that failed."""
 
 SINGLE_S: Final = 0.2
-"""Shortest time between two pictures of a camera that gives one for each request."""
+"""Shortest time between two pictures of a camera that gives one per request."""
 
 PIECE_BYTES: Final = 65536
 
 UNSHOWN_S: Final = 5.0
-"""A camera is not read for a page that has shown nothing of it so long."""
+"""Time without a shown picture after which a camera is not read for a page any more."""
 
 _NAMED = re.compile(r"([\w][\w .-]{0,39})=(.+)")
 
@@ -45,16 +45,16 @@ _log = logging.getLogger(__name__)
 
 
 class Address(NamedTuple):
-    """A camera, as the options have it."""
+    """A camera in the options."""
 
     name: str
-    """Its name for pages; never with secrets of its address."""
+    """Name for pages; never with secrets of its address."""
     where: str
 
 
 def parse_camera(text: str) -> Address:
-    """``NAME=ADDRESS`` or ``ADDRESS``, which is a URL of http or https, or a device's path. Raises
-    OptionError."""
+    """Parse ``NAME=ADDRESS`` or ``ADDRESS``, which is a URL of http or https, or a device's path.
+    Raises OptionError."""
     named = _NAMED.fullmatch(text)
     name, where = (named.group(1), named.group(2)) if named else ("", text)
     if where.startswith("/dev/"):
@@ -78,16 +78,16 @@ class Camera:
         self.address = address
         self.newest = b""
         self.newest_s = 0.0
-        """When the server had it, monotonic: a camera's own time is not read."""
+        """Monotonic time of reception: a camera's own time is not read."""
         self.number = 0
-        """Number of the newest picture that there was; 0: none yet."""
+        """Number of the newest picture; 0: none yet."""
         self.why = ""
-        """Why there is none now."""
+        """Reason why there is no picture now."""
         self._watchers: set[asyncio.Event] = set()
         self._reader: _Reader | None = None
 
     def watch(self, news: asyncio.Event) -> None:
-        """Have `news` set at each picture, and now where there is one; twice is fine."""
+        """Set `news` at each picture, and now if there is one; twice is fine."""
         if news in self._watchers:
             return
         self._watchers.add(news)
@@ -121,7 +121,7 @@ def _put(loop: asyncio.AbstractEventLoop, take: Callable[..., None], *values: ob
 
 
 class _Reader(threading.Thread):
-    """Reads a camera until `ended`. It ends within SILENT_S, and is not waited for."""
+    """Thread that reads a camera until `ended`. It ends within SILENT_S without being joined."""
 
     def __init__(self, address: Address, put: Callable[[_Reader, bytes, str, float], None]) -> None:
         super().__init__(name=f"cardan-camera-{address.name}", daemon=True)
@@ -150,7 +150,7 @@ class _Reader(threading.Thread):
 
 
 def _pictures(where: str, ended: threading.Event) -> Iterator[bytes]:
-    """Raises OSError, ValueError or HTTPException."""
+    """Yield pictures. Raises OSError, ValueError or HTTPException."""
     if where.startswith("/dev/"):
         yield from pictures_of_device(where, ended.is_set)
         return
@@ -178,8 +178,8 @@ def _pictures(where: str, ended: threading.Event) -> Iterator[bytes]:
 
 
 def _ask(url: str) -> http.client.HTTPResponse:
-    """Without a proxy: cameras are near. A name and password in the address are told to its host
-    alone."""
+    """Request a URL, without a proxy: cameras are near. A name and password in the address are sent
+    to its host only."""
     parts = urlsplit(url)
     request = urllib.request.Request(
         urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
@@ -194,32 +194,32 @@ def _ask(url: str) -> http.client.HTTPResponse:
 
 
 class Unshown:
-    """Pictures that are on their way to a page, which says which it has shown: one, or two where
-    it says that its link is long rather than slow."""
+    """Pictures that were sent to a page and not reported as shown: one, or two if the page reports
+    that its link is long rather than slow."""
 
     def __init__(self, page_us: float | None, now_s: float) -> None:
-        """`page_us`: time of the page when it asked for pictures; None: it told none."""
+        """`page_us`: time of the page when it requested pictures; None: it sent none."""
         self.room = asyncio.Event()
         """Set while a picture may be sent."""
         self.room.set()
         self.page_us = page_us
-        """Time of the page when it said the last that was heard of it, µs of its clock."""
+        """Page time of its last report, µs of its clock."""
         self._heard_s = now_s
         self._numbers: deque[int] = deque()
         self._most = 1
 
     def held_s(self, now_s: float) -> float:
-        """How long ago that was heard."""
+        """Return the time since that report."""
         return now_s - self._heard_s
 
     def sent(self, number: int) -> None:
-        """A picture goes out; of two the later one has the higher number."""
+        """Record a sent picture; of two the later one has the higher number."""
         self._numbers.append(number)
         self._look()
 
     def shown(self, number: object, page_us: float, two: bool, now_s: float) -> None:
-        """The page has shown this one, or passed over it for a later one, as those before it;
-        without effect where it is not on its way."""
+        """Record that the page has shown this picture, or skipped it, and those before it; no
+        effect unless it is under way."""
         if number not in self._numbers:
             return
         while self._numbers and self._numbers.popleft() != number:
@@ -235,7 +235,7 @@ class Unshown:
 
 
 class Cameras:
-    """All of a server."""
+    """All cameras of a server."""
 
     def __init__(self, addresses: Sequence[str]) -> None:
         self._cameras = [Camera(parse_camera(each)) for each in addresses]
@@ -245,11 +245,11 @@ class Cameras:
 
     @property
     def names(self) -> list[str]:
-        """By number."""
+        """Names by number."""
         return [each.address.name for each in self._cameras]
 
     def camera(self, number: object) -> Camera | None:
-        """None: there is none of this number."""
+        """Return the camera of this number; None: there is none."""
         if isinstance(number, bool) or not isinstance(number, int):
             return None
         return self._cameras[number] if 0 <= number < len(self._cameras) else None

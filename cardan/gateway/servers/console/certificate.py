@@ -1,9 +1,7 @@
-"""A certificate of this installation for its own names and addresses, where none was given.
-
-Sensors, gamepads and headsets are for pages of https only, and a key known to all protects no page:
-each installation makes its own at the first start, keeps it, and makes another one in time and when
-the computer has a new address.
-"""
+"""A certificate of this installation for its own names and addresses, if none was given. Browsers
+offer sensors, gamepads and headsets to pages of https only, and a published key protects no page:
+each installation makes its own at the first start, keeps it, and replaces it before it expires and
+when the computer has a new address."""
 
 from __future__ import annotations
 
@@ -29,14 +27,14 @@ from cardan.common.files import read_text, state_folder
 from cardan.errors import ConfigurationError
 
 VALID_DAYS: Final = 397
-"""Browsers take none that is valid for longer than 398 days."""
+"""Validity of a certificate; browsers refuse more than 398 days."""
 
 RENEW_DAYS: Final = 30
-"""A certificate that ends sooner is made anew at the start."""
+"""Remaining validity below which a certificate is replaced at the start."""
 
 MOST_NAMES: Final = 32
-"""In a certificate: a computer that is carried from network to network keeps its old addresses, so
-that each change does not make browsers ask again."""
+"""Most names in a certificate: a computer that moves between networks keeps its old addresses, so
+that browsers need not ask again at each change."""
 
 OPENSSL_S: Final = 30.0
 """Longest time for the openssl program; it takes some 10 ms."""
@@ -48,18 +46,19 @@ _WHAT_TO_DO: Final = (
 )
 
 Maker = Callable[[Sequence[str], datetime.datetime], "tuple[bytes, bytes]"]
-"""`make(names, now)`: certificate and key as PEM. Raises OSError or ImportError where it cannot."""
+"""Makes certificate and key as PEM for names, at a time. Raises OSError or ImportError if it
+cannot."""
 
 
 class Own(NamedTuple):
-    """A certificate that was made here."""
+    """A certificate made by this installation."""
 
     certificate: Path
     key: Path
     fingerprint: str
-    """SHA-256 of the certificate as browsers show it."""
+    """SHA-256 of the certificate in the form of browsers."""
     why_new: str
-    """Why it was made now; empty: it is that of the last start."""
+    """Reason for making it now; empty: it is that of the last start."""
 
 
 def own_certificate(
@@ -68,10 +67,8 @@ def own_certificate(
     folder: Path | None = None,
     makers: Sequence[Maker] = (),
 ) -> Own:
-    """The certificate for `names` (host names and addresses), made where there is none that does.
-
-    Raises ConfigurationError.
-    """
+    """Return the certificate for `names` (host names and addresses), made if there is no valid one.
+    Raises ConfigurationError."""
     folder = folder or state_folder()
     certificate, key = folder / "console-certificate.pem", folder / "console-key.pem"
     found = _stored(certificate, key)
@@ -101,7 +98,7 @@ def _first(pem: str) -> str:
 
 
 def _stored(certificate: Path, key: Path) -> Certificate | None:
-    """The one of the last start; None: there is none that can be used."""
+    """Return the certificate of the last start; None: there is no usable one."""
     try:
         if os.stat(key).st_mode & 0o077:
             return None  # Others may have read it.
@@ -124,7 +121,7 @@ def _why_another(found: Certificate | None, names: Sequence[str], now: datetime.
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Whole from the first moment on, and its owner's alone."""
+    """Write a file atomically, readable by its owner only."""
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
     try:
@@ -151,7 +148,7 @@ def _make(
 
 
 def by_cryptography(names: Sequence[str], _now: datetime.datetime) -> tuple[bytes, bytes]:
-    """By the package cryptography. Raises ImportError."""
+    """Make a certificate by the package cryptography. Raises ImportError."""
     key, private = make_key()
     own = f"Cardan on {names[0]}"
     made = make_certificate(
@@ -161,7 +158,7 @@ def by_cryptography(names: Sequence[str], _now: datetime.datetime) -> tuple[byte
 
 
 def by_openssl(names: Sequence[str], _now: datetime.datetime) -> tuple[bytes, bytes]:
-    """By the openssl program. Raises OSError."""
+    """Make a certificate by the openssl program. Raises OSError."""
     wanted = ",".join(f"{'IP' if is_address(each) else 'DNS'}:{each}" for each in names)
     common = "".join(each for each in names[0] if each.isalnum() or each in ".-")[:50]
     # Both come out of its standard output: nothing is written that others might read.

@@ -45,7 +45,7 @@ class Channel(ABC):
     """Target that a page has opened for its frames."""
 
     target = ""
-    """The arm or the topic."""
+    """Name of the arm or the topic."""
 
     def __init__(self, hold_s: float = math.inf) -> None:
         self.hold = Hold(hold_s)
@@ -53,13 +53,13 @@ class Channel(ABC):
 
     @abstractmethod
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
-        """A frame came. Raises RefusedError where it is not for this channel."""
+        """Handle a frame. Raises RefusedError if it is not for this channel."""
 
     def lapse(self) -> None:  # noqa: B027 - some have nothing to do then
-        """The hold has ended without a frame that says so."""
+        """Handle the end of a hold that no frame reported."""
 
     async def close(self) -> None:  # noqa: B027 - as above
-        """End all."""
+        """End the channel."""
 
 
 class ArmChannel(Channel):
@@ -118,7 +118,7 @@ class _PublishingChannel(Channel):
 
 
 class DeviceChannel(_PublishingChannel):
-    """Passes frames on to the driver of a session, which decides by itself."""
+    """Passes frames on to a session's driver, which applies its own checks."""
 
     _type = FRAME_TYPE
 
@@ -136,7 +136,7 @@ class DeviceChannel(_PublishingChannel):
 
 
 class JoyChannel(_PublishingChannel):
-    """Publishes a pad as game_controller_node does, for the driver ros2_joy."""
+    """Publishes a pad in the form of game_controller_node, for the driver ros2_joy."""
 
     _type = JOY_TYPE
 
@@ -144,7 +144,7 @@ class JoyChannel(_PublishingChannel):
         pad = frame.body
         if not isinstance(pad, GamepadFrame):
             raise RefusedError(f"channel {frame.channel} is opened for a pad, not for {frame.kind}")
-        # A pad has no control of the page's that is held: all its frames have to be young.
+        # A pad holds no control of the page: all its frames must be recent.
         verdict = self.hold.take(frame._replace(hold=True), made_s, now_s)
         self.hold.grip, self.hold.why = Grip.FREE, "" if frame.visible else "the page is hidden"
         if verdict is HoldVerdict.DROPPED or not frame.visible:
@@ -161,8 +161,8 @@ class JoyChannel(_PublishingChannel):
 
 
 class ImuChannel(_PublishingChannel):
-    """Publishes the sensors of a phone as an inertial measurement unit: REP-145, in the phone's own
-    axes (x right, y to the top edge, z out of the screen)."""
+    """Publishes a phone's sensors as an inertial measurement unit: REP-145, in the phone's own axes
+    (x right, y to the top edge, z out of the screen)."""
 
     _type = IMU_TYPE
 
@@ -185,8 +185,8 @@ class ImuChannel(_PublishingChannel):
 
 
 def imu_message(stamp: Stamp, phone: PhoneFrame) -> dict[str, Any]:
-    """``sensor_msgs/msg/Imu``; quantities that the phone does not measure have a covariance that
-    begins with -1."""
+    """Make a ``sensor_msgs/msg/Imu``; quantities that the phone does not measure have a covariance
+    that begins with -1."""
     angles, rates = phone.angles_deg, phone.rates_rad_s
     force = phone.acceleration_m_s2
     turned = Quaternion(1.0, 0.0, 0.0, 0.0) if angles is None else from_angles(*angles)
@@ -202,12 +202,13 @@ def imu_message(stamp: Stamp, phone: PhoneFrame) -> dict[str, Any]:
 
 
 def _covariance(measured: object) -> list[float]:
-    """Covariance of measured quantities, unknown: all zeros, as the message's definition says."""
+    """Return the covariance of measured quantities, unknown: all zeros, by the message's
+    definition."""
     return [0.0 if measured is not None else -1.0, *[0.0] * 8]
 
 
 class SharedPublisher:
-    """Publisher of a topic for all of a page's channels: by it drivers tell pages apart."""
+    """Publisher of a topic for all channels of a page: drivers tell pages apart by it."""
 
     def __init__(self, publisher: PublisherHandle, unused: Callable[[], object]) -> None:
         """`unused()` is called when the last one closes it."""
@@ -216,12 +217,12 @@ class SharedPublisher:
         self._users = 0
 
     def used(self) -> SharedPublisher:
-        """It, for one more, which closes it once."""
+        """Return the publisher for one more user, which closes it once."""
         self._users += 1
         return self
 
     def close(self) -> None:
-        """One of those that use it needs it no more."""
+        """Release it for one user."""
         self._users -= 1
         if self._users == 0:
             self._unused()

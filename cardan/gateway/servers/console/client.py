@@ -1,7 +1,7 @@
 """Operations of a page beside rosbridge: its operator frames, their channels, and its clock.
 
-Text is rosbridge's, but for operations that begin with "cardan." and the message of the public page
-`teleop`; binary is an operator frame. docs/phone.md has the operations.
+Text messages are rosbridge's, except operations that begin with "cardan." and the message of the
+public page `teleop`; binary messages are operator frames. docs/phone.md has the operations.
 """
 
 from __future__ import annotations
@@ -58,64 +58,64 @@ FEEDBACK_TYPE: Final = "sensor_msgs/msg/JoyFeedback"
 
 REQUEST_TOPIC: Final = "authority/request"
 REQUEST_TYPE: Final = "cardan_msgs/msg/AuthorityRequest"
-"""Below an arm's node: requests to its owner for the authority over it."""
+"""Type of the requests, below an arm's node, to its owner for the authority over it."""
 
 KEPT: Final = "kept"
-"""The answer of an owner that keeps it; one that does not hands it over, which all can see."""
+"""Answer of an owner that keeps the authority; giving it up is visible to all."""
 
 PERIOD_S: Final = 0.5
-"""Period of reading a page's clock, and of sending it its figures."""
+"""Period of reading a page's clock, and of sending figures to it."""
 
 MOST_FRAMES_PER_S: Final = 500
-"""Highest rate of a page; two hands at 120 Hz are half of it."""
+"""Highest frame rate of a page; two hands at 120 Hz need half of it."""
 
 MOST_CHANNELS: Final = 16
 
 TELEOP_CHANNEL: Final = 255
 TELEOP_TOPIC: Final = "/xr"
-"""Topic of the poses of a page of `teleop`, which opens nothing."""
+"""Topic of the poses of a page of `teleop`, which opens no channel."""
 
 MOST_PERSON: Final = 30
-"""Characters of a person's name."""
+"""Most characters of a person's name."""
 
 MOST_TEXT: Final = 4096
-"""Characters of an operation."""
+"""Most characters of an operation."""
 
 MOST_MESSAGE: Final = 1000
-"""Characters of a message whose codes are asked for."""
+"""Most characters of a message whose codes are requested."""
 
 _RATE_S: Final = 1.0
-"""The rate of frames is that of the last so many seconds."""
+"""Time over which the rate of frames is measured."""
 
 
 async def _whole(action: Coroutine[Any, Any, None]) -> None:
-    """Do it to its end, also where the page that asked for it leaves meanwhile."""
+    """Finish an action even if the page that requested it leaves meanwhile."""
     task = asyncio.ensure_future(action)
     task.add_done_callback(lambda done: done.cancelled() or done.exception())
     await asyncio.shield(task)
 
 
 async def _at_once() -> None:
-    """Nothing is waited for."""
+    """Return at once."""
 
 
 class FrameStatistics:
-    """Statistics of the frames that arrive from a page, for display on it."""
+    """Statistics of a page's frames, for display on it."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
-        """"malformed", "too many": frames that were not read."""
+        """Counts of frames that were not read: "malformed", "too many"."""
         self._times_s: deque[float] = deque(maxlen=MOST_FRAMES_PER_S)
         self.age_s: float | None = None
-        """Age of the newest frame."""
+        """Age of the newest frame, s."""
 
     def record(self, now_s: float, age_s: float | None) -> None:
-        """A frame came."""
+        """Record a frame."""
         self._times_s.append(now_s)
         self.age_s = age_s
 
     def rate_hz(self, now_s: float) -> float:
-        """Frames in the last second."""
+        """Return the number of frames in the last second."""
         while self._times_s and now_s - self._times_s[0] > _RATE_S:
             self._times_s.popleft()
         return len(self._times_s) / _RATE_S
@@ -142,8 +142,8 @@ class PageOperator:
     ) -> None:
         """`source`: name of this page in the authority of arms, two words; the person's name comes
         between them if the page gives one. `counts`: the server's; `calm` waits until the page has
-        read all messages; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long an arm
-        is jogged without a sign of the person."""
+        read all messages; `records`, `cameras`, `demos`: of this machine; `hold_s`: longest jogging
+        of an arm without a sign of the person."""
         self.source = self._nameless = source
         self.clock = RemoteClock()
         self.figures = FrameStatistics()
@@ -169,7 +169,7 @@ class PageOperator:
         self._watching: asyncio.Task[None] | None = None
         self._unshown: Unshown | None = None
         self._picture = 0
-        """Number of the newest picture that was sent, of whatever camera."""
+        """Number of the newest picture that was sent, of any camera."""
 
     async def __aenter__(self) -> PageOperator:
         self._task = self._loop.create_task(self._tell())
@@ -195,7 +195,7 @@ class PageOperator:
     # -- from the page ---------------------------------------------------------------------------
 
     def receive(self, data: Frame, waited_s: float) -> bool:
-        """Handle a frame that waited at the socket; False: it is rosbridge's."""
+        """Handle a frame that waited at the socket; return False if it is rosbridge's."""
         if isinstance(data, bytes):
             self._operate(data)
             return True
@@ -261,7 +261,7 @@ class PageOperator:
         self._tell_channel(frame.channel, channel, now_s, only_news=True)
 
     def _watch(self, number: int, channel: Channel) -> None:
-        """End the hold in time unless a frame comes."""
+        """End the hold in time unless a frame arrives."""
         if (timer := self._timers.pop(number, None)) is not None:
             timer.cancel()
         until_s = channel.hold.until_s
@@ -274,7 +274,7 @@ class PageOperator:
         self._look(number, channel, channel.hold.until_s or 0.0)
 
     def _look(self, number: int, channel: Channel, at_s: float = 0.0) -> None:
-        """End the hold if its time is over, now or as of `at_s`."""
+        """End the hold if its time is over, now or at `at_s`."""
         now_s = self._loop.time()
         if channel.hold.look(max(now_s, at_s)):
             channel.lapse()
@@ -354,7 +354,7 @@ class PageOperator:
             raise RefusedError(f"channel is {shown(number)}, must be 0 to 255")
         channel = self.channels.get(number)
         if isinstance(channel, ArmChannel) and table.get("arm") == channel.target:
-            # To close it would give up the authority that the page has just taken for it.
+            # Closing it would give up the authority that the page has just taken for it.
             channel.lapse()
             channel.hold = Hold(self._hold_s)
             self._watch(number, channel)
@@ -431,7 +431,7 @@ class PageOperator:
         return self._publishers[key].used()
 
     def _renew(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
-        """The person that holds is there."""
+        """Renew a hold: the person is present."""
         number = table.get("channel")
         if not isinstance(number, int) or number not in self.channels:
             raise RefusedError(f"channel {shown(number)} is not open")
@@ -460,7 +460,7 @@ class PageOperator:
         task.add_done_callback(self._closing.discard)
 
     def _not_taken(self, number: int, why: str) -> None:
-        """The arm refused a hold's request."""
+        """Handle the arm's refusal of a hold's request."""
         channel = self.channels.get(number)
         if channel is not None:
             channel.hold.lose(why)
@@ -469,7 +469,7 @@ class PageOperator:
             self._tell_channel(number, channel, self._loop.time())
 
     def _ask_authority(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
-        """Ask the source that has the authority over an arm for it."""
+        """Request the authority over an arm from its owner."""
         self._tell_authority(table, self.source, _name(table, "owner"), "")
 
     def _keep_authority(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
@@ -501,14 +501,14 @@ class PageOperator:
         publisher.publish(codec_of(REQUEST_TYPE).encode(message))
 
     def _codes(self, table: Mapping[str, Any], identity: str | int | None) -> None:
-        """Say which codes a message has that the page shows: `cardan explain` knows them."""
+        """Send the codes of a message that the page shows: `cardan explain` explains them."""
         text = table.get("text")
         if not isinstance(text, str) or len(text) > MOST_MESSAGE:
             raise RefusedError(f"text is {shown(text)}; allowed: up to {MOST_MESSAGE} characters")
         self._send(object_text(op="cardan.codes", id=identity, codes=codes_of(text)))
 
     def _order(self, table: Mapping[str, Any], identity: str | int | None) -> None:
-        """Have the daemon do something."""
+        """Carry out an order by the daemon."""
         if self._role < Role.OPERATOR:
             raise RefusedError("a viewer orders nothing: connect with the token of an operator")
         if self._orders:
@@ -533,7 +533,7 @@ class PageOperator:
         self._send(object_text(op="cardan.daemon", id=identity, do=do, result=result))
 
     def _demo(self, table: Mapping[str, Any], identity: str | int | None) -> None:
-        """Say which demos there are, start one, or end it."""
+        """List the demos, start one, or end it."""
         do = table.get("do")
         if do not in ("list", "start", "stop"):
             raise RefusedError(f"do is {shown(do)}; allowed: list, start, stop")
@@ -562,7 +562,7 @@ class PageOperator:
         return self._records
 
     def _ask_records(self, table: Mapping[str, Any], identity: str | int | None) -> None:
-        """Say which there are; begin one, or end it."""
+        """List the records, begin one, or end it."""
         records, do = self._stored(), table.get("do")
         if do == "list":
             self._tell_records(records, identity)
@@ -617,7 +617,7 @@ class PageOperator:
             raise RefusedError(str(error)) from None
 
     def _show_page(self, said: Mapping[str, Any] | str) -> None:
-        """`said`: a table, or the text between the braces of its JSON."""
+        """Send a table, or the text between the braces of its JSON."""
         if isinstance(said, str):
             self._send(f'{{"op":"cardan.replay",{said}}}')
         else:
@@ -626,8 +626,8 @@ class PageOperator:
     # -- cameras ---------------------------------------------------------------------------------
 
     def _camera(self, table: Mapping[str, Any], identity: str | int | None) -> None:
-        """Say which there are, or send the pictures of one, each a binary message, until another
-        one is asked for; hear which were shown."""
+        """List the cameras, or send the pictures of one, each a binary message, until another one
+        is requested; take reports of shown pictures."""
         do, number = table.get("do"), table.get("camera")
         if do not in ("list", "open", "shown", "close"):
             raise RefusedError(f"do is {shown(do)}; allowed: list, open, shown, close")
@@ -672,7 +672,8 @@ class PageOperator:
             camera.leave(news)
 
     def _send_picture(self, camera: Camera, unshown: Unshown) -> None:
-        """Send its description first, which arrives before a slow link has carried the rest."""
+        """Send a picture, its description first, which arrives before a slow link has carried the
+        rest."""
         self._picture += 1
         now_s = time.monotonic()
         self._send(
@@ -694,7 +695,7 @@ class PageOperator:
             self._send(object_text(op="cardan.feedback", channel=number, intensity=intensity))
 
     async def _tell(self) -> None:
-        """Ask for the page's time, and send its figures."""
+        """Request the page's time, and send its figures."""
         while True:
             self._send(object_text(op="cardan.ping", server_us=self._now_us()))
             await asyncio.sleep(PERIOD_S)

@@ -1,6 +1,6 @@
-"""Commands of a page for the daemon and the doctor: those of the command line, each in a process of
-its own, so that none can delay the page's motion. An arm's Stop is none of them: the page calls the
-verb `stop`, as every client of rosbridge does (`bus/arm_server.py`)."""
+"""Commands of a page for the daemon and the doctor: those of the command line, each in a separate
+process, so that none can delay the page's motion. An arm's Stop is not among them: the page calls
+the verb `stop` like every client of rosbridge (`bus/arm_server.py`)."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ COMMAND_WORDS: Final[Mapping[str, tuple[str, ...]]] = {
 """Requests, and the words of their commands."""
 
 NAMED: Final = frozenset({"start", "stop", "restart"})
-"""Those that are about one session or server."""
+"""Requests about one session or server."""
 
 WITHIN_S: Final = 60.0
-"""Longest time: the doctor listens to controllers and looks at every file."""
+"""Longest time of a command: the doctor listens to controllers and reads every file."""
 
 FOUND_FAILURES: Final = 4
-"""Exit code of the doctor where something is wrong: it has an answer all the same."""
+"""Exit code of the doctor when it has found faults: its output is valid."""
 
 MOST_WORDS: Final = 1000
-"""Characters of a complaint that are told."""
+"""Most characters of an error output that are passed on."""
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 
 class OrderError(Exception):
-    """Why it was not done, in words."""
+    """Reason why an order was not carried out."""
 
 
 def words_of(do: object, name: object) -> list[str]:
-    """The words of the command. Raises OrderError."""
+    """Return the words of the command. Raises OrderError."""
     words = COMMAND_WORDS.get(do) if isinstance(do, str) else None
     if words is None:
         raise OrderError(f"do is {str(do)[:60]!r}; allowed: {', '.join(COMMAND_WORDS)}")

@@ -1,5 +1,5 @@
-"""The demos of Cardan as a page starts them: simulated peers on the server's machine, one demo at a
-time. No arm of a session moves by them."""
+"""Demos of Cardan for pages: simulated peers on the server's machine, one demo at a time. They move
+no arm of a session."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cardan.gateway.servers.console.commands import COMMAND, OrderError, carry_o
 from cardan.gateway.servers.console.subprocesses import CARDAN, AsyncSubprocess
 
 SECONDS: Final = 60
-"""How long a demo runs, unless it is ended before."""
+"""Duration of a demo, unless it is ended before."""
 
 LINES: Final = 40
-"""Lines of its output that are kept, the last ones."""
+"""Last lines of its output that are kept."""
 
 
 class Demos:
@@ -57,7 +57,7 @@ class Demos:
         words = ["demo", self._name, "--seconds", str(SECONDS)]
         running = self._running = AsyncSubprocess([*self._command, *words], self._said.append)
         try:
-            # Its loops are not to keep those waiting that move real arms.
+            # Its loops must not delay those that move real arms.
             await running.start({SCHEDULING_VARIABLE: "ordinary"})
         except OSError as error:
             self._running = None

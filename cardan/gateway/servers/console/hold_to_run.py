@@ -1,9 +1,6 @@
-"""Hold-to-run of a page: whether its operator may move something now.
-
-Only frames that say so keep a hold: it ends with the first one that does not, and when none comes.
-After an end without a release, the control has to be released before it counts again. Times are
-monotonic, s.
-"""
+"""Hold-to-run of a page, which allows its operator to move an arm or device. Only frames with a
+held control keep a hold: it ends with the first other frame, and when none arrives. After an end
+without a release, the control must be released before it counts again. Times are monotonic, s."""
 
 from __future__ import annotations
 
@@ -15,15 +12,15 @@ from typing import Final
 from cardan.protocols.handheld.frames import OperatorFrame
 
 FRESH_S: Final = 0.15
-"""A frame counts for so long after the page made it: nine of sixty a second."""
+"""Longest age of a frame since the page made it: nine of sixty a second."""
 
 AHEAD_S: Final = 0.1
-"""A frame that is from the future by more is of a clock that is not known."""
+"""Largest time that a frame may be in the future: beyond, its clock is unknown."""
 
 LONGEST_S: Final = 10.0
-"""Default of how long an arm is jogged without a sign of the person: a page may live while its
-browser hangs, and never hear that the control was released. Devices need none: their sensors fall
-silent with the browser."""
+"""Default limit for jogging an arm without a sign of the person: a page may live while its browser
+hangs, and never learn that the control was released. Devices need none: their sensors fall silent
+with the browser."""
 
 _HALF: Final = 2**31
 _WHOLE: Final = 2**32
@@ -35,7 +32,7 @@ class Grip(enum.Enum):
     FREE = "free"
     HELD = "held"
     LOST = "lost"
-    """It has to be released first."""
+    """The control must be released first."""
 
 
 class HoldVerdict(enum.Enum):
@@ -43,9 +40,9 @@ class HoldVerdict(enum.Enum):
 
     DROPPED = "dropped"
     REST = "rest"
-    """It counts, and nothing is held."""
+    """The frame counts, and nothing is held."""
     BEGINS = "begins"
-    """The hold begins with it."""
+    """The hold begins with the frame."""
     GOES_ON = "goes on"
 
 
@@ -53,34 +50,33 @@ class Hold:
     """The hold of one control."""
 
     def __init__(self, longest_s: float = math.inf) -> None:
-        """`longest_s`: how long it goes on without being renewed."""
+        """`longest_s`: longest time without renewal."""
         self.longest_s = longest_s
         self.grip = Grip.LOST
         self.why = "let go of the control once"
-        """Why it is LOST, or the end of the newest hold."""
+        """Reason why it is LOST, or for the end of the newest hold."""
         self.counts: Counter[str] = Counter()
-        """"late": frames after a newer one; "old": those that took too long; "unknown": those of a
-        page whose clock is not known yet; "lost": holds that ended otherwise than by letting
-        go."""
+        """Counts. "late": frames after a newer one; "old": delayed frames; "unknown": frames of a
+        page whose clock is not known yet; "lost": holds that ended without a release."""
         self._sequence: int | None = None
         self._until_s = self._renewed_s = float("-inf")
 
     @property
     def until_s(self) -> float | None:
-        """When the hold ends unless a frame comes, or it is renewed; None: nothing is held."""
+        """Time at which the hold ends without a frame or renewal; None: nothing is held."""
         if self.grip is not Grip.HELD:
             return None
         return min(self._until_s, self._renewed_s + self.longest_s)
 
     def left_s(self, now_s: float) -> float | None:
-        """How long it goes on unless it is renewed; None: nothing is held, or without end."""
+        """Return the time left without renewal; None: nothing is held, or no limit."""
         if self.grip is not Grip.HELD or math.isinf(self.longest_s):
             return None
         return max(0.0, self._renewed_s + self.longest_s - now_s)
 
     def renew(self, now_s: float) -> None:
-        """The person is there: the pointer has moved, the key has repeated itself, or the browser
-        has proved that it lives."""
+        """Renew the hold: the pointer has moved, the key has repeated itself, or the browser has
+        proved that it runs."""
         self._renewed_s = now_s
 
     def take(self, frame: OperatorFrame, made_s: float | None, now_s: float) -> HoldVerdict:
@@ -94,7 +90,7 @@ class Hold:
         self._sequence = frame.sequence
         self.look(now_s)
         if not frame.hold:
-            # A release counts, however late it comes.
+            # A release counts at any delay.
             self.grip, self.why = Grip.FREE, ""
             return HoldVerdict.REST
         if made_s is None or made_s - now_s > AHEAD_S:
@@ -115,7 +111,7 @@ class Hold:
         return HoldVerdict.BEGINS if began else HoldVerdict.GOES_ON
 
     def look(self, now_s: float) -> bool:
-        """Notice silence; whether it ended a hold."""
+        """Check for silence; return whether it ended a hold."""
         until_s = self.until_s
         if until_s is None or now_s < until_s:
             return False

@@ -1,7 +1,7 @@
 """Streams a page's jog commands to an arm, as a source of its own name, by the arm's `ask`.
 
 A single request is under way at a time, and after it the newest command is sent: nothing waits in a
-queue. The arm's own controller limits, watches and refuses; a refusal ends the hold, but for the
+queue. The arm's own controller limits, checks and refuses; a refusal ends the hold, except for the
 first commands of a page whose clock it does not know yet.
 """
 
@@ -35,13 +35,13 @@ ANSWER_S = 1.0
 """Longest wait for the answer to a streamed command."""
 
 BEGIN_S = 5.0
-"""Longest wait where the arm's model may have to be opened first, or another stream ended."""
+"""Longest wait if the arm's model may have to be opened first, or another stream ended."""
 
 LEAVE_S = 0.5
 """Longest wait for the answer when a page goes."""
 
 _STEP_S = 1e-6
-"""Stamps of one sender grow."""
+"""Smallest increase of the stamps of one sender."""
 
 _NOWHERE = Vector3(0.0, 0.0, 0.0)
 
@@ -58,7 +58,7 @@ class Wish(NamedTuple):
 
     @property
     def moves(self) -> bool:
-        """Whether it asks for motion."""
+        """True if it requests motion."""
         body = self.body
         if isinstance(body, JogTwist):
             return any((*body.linear, *body.angular))
@@ -66,14 +66,14 @@ class Wish(NamedTuple):
 
     @property
     def value(self) -> Any:
-        """The verb's argument."""
+        """Argument of its verb."""
         body = self.body
         if isinstance(body, JogTwist):
             return Twist(body.linear, body.angular, body.frame)
         return list(body.rates)
 
     def at_rest(self, now_s: float) -> Wish:
-        """The same without motion."""
+        """Return the command without motion."""
         body = self.body
         if isinstance(body, JogTwist):
             return Wish(JogTwist(_NOWHERE, _NOWHERE, body.frame), now_s)
@@ -86,22 +86,22 @@ class ArmJog:
     def __init__(
         self, arm: str, source: str, caller: ServiceCaller, refused: Callable[[str], None]
     ) -> None:
-        """`arm`: full name of its node. `refused(why)`: a command of a hold was not taken."""
+        """`arm`: full name of its node. `refused(why)`: called for a refused command of a hold."""
         self.arm, self.source = arm, source
         self.stale = 0
-        """Wishes that had become too old before it was their turn."""
+        """Count of commands that were too old at their turn."""
         self._caller, self._tell_refused = caller, refused
         self._loop = asyncio.get_running_loop()
         self._something = asyncio.Event()
         self._wish: Wish | None = None
         self._sent: Wish | None = None
-        """The newest one of this hold that was sent."""
+        """The newest command of this hold that was sent."""
         self._held = False
-        """Whether the operator still requests motion."""
+        """True while the operator requests motion."""
         self._begun = False
-        """Whether the arm has taken a command of this hold."""
+        """True once the arm has accepted a command of this hold."""
         self._verb = ""
-        """The verb of the newest command that the arm has taken."""
+        """Verb of the newest command that the arm has accepted."""
         self._stamp_s = NEVER_S
         self._ids = itertools.count(1)
         self._task: asyncio.Task[None] | None = None
@@ -111,16 +111,16 @@ class ArmJog:
         self._task = self._loop.create_task(self._run())
 
     def begin(self) -> None:
-        """A new hold begins."""
+        """Begin a new hold."""
         self._begun, self._sent = False, None
 
     def move(self, wish: Wish) -> None:
-        """The operator wants this now."""
+        """Set the operator's present command."""
         self._wish, self._held = wish, True
         self._something.set()
 
     def rest(self) -> None:
-        """The operator wants nothing any more."""
+        """Clear the operator's command."""
         self._wish, self._held = None, False
         if self._sent is not None:
             self._wish = self._sent.at_rest(self._loop.time())
@@ -156,7 +156,7 @@ class ArmJog:
                 self._tell_refused(why)
 
     async def _send(self, wish: Wish) -> str:
-        """Why the arm does not take it; empty: it does."""
+        """Send a command; return why the arm refuses it, or ""."""
         if not wish.moves and self._sent is None:
             return ""  # Zero begins nothing.
         if not self._begun and wish.moves and self._verb not in ("", wish.verb):
@@ -176,14 +176,16 @@ class ArmJog:
         return why
 
     def _stamp(self, wish: Wish) -> float:
-        """When it was made. The estimate of the page's clock changes, and stamps have to grow."""
+        """Return its time of making. The estimate of the page's clock changes, and stamps must
+        grow."""
         self._stamp_s = max(wish.made_s, self._stamp_s + _STEP_S)
         return self._stamp_s
 
     async def _ask(
         self, verb: str, value: Any, stamp_s: float | None = None, begins: Begins | None = None
     ) -> Any:
-        """The verb's result. Raises CardanError, CallError or NetworkError."""
+        """Call the arm and return the verb's result. Raises CardanError, CallError or
+        NetworkError."""
         timeout_s = BEGIN_S if begins is not None or stamp_s is None else ANSWER_S
         number = next(self._ids)
         sequence = None if stamp_s is None else number
@@ -202,7 +204,7 @@ class ArmJog:
 
 
 def why_no_arm(arm: str, services: Mapping[str, ServiceInfo]) -> str:
-    """Why no arm of this name takes commands; empty: one does."""
+    """Return why no arm of this name takes commands; empty: it does."""
     if f"{arm}/{ASK_SERVICE}" in services:
         return ""
     there = [

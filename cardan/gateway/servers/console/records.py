@@ -1,8 +1,6 @@
-"""Records on the server's machine for pages: to make one, and to view them.
-
-Each record is made and read by a process of its own, so that it cannot delay a page's motion. Pages
-name no paths: the server names its files, and shows those of one folder.
-"""
+"""Recording and viewing of records on the server's machine, for pages. Each record is made and read
+by a separate process, so that it cannot delay a page's motion. Pages name no paths: the server
+names its files, and shows those of one folder."""
 
 from __future__ import annotations
 
@@ -29,16 +27,16 @@ RECORDER: Final = (*CARDAN, "net", "server", "recorder")
 SHOWING: Final = (sys.executable, "-m", "cardan.recording.player")
 
 BEGINS_WITHIN_S: Final = 15.0
-"""Longest time for a recorder to begin: it joins the bus, on a busy computer in seconds."""
+"""Longest time for a recorder to begin: joining the bus takes seconds on a busy computer."""
 
 LEAST_FREE: Final = 1_000_000_000
-"""Bytes that a record leaves free on its disk: the gateway needs some itself."""
+"""Bytes that a record leaves free on its disk, for the gateway."""
 
 MOST_LISTED: Final = 200
-"""Records that are listed, the newest."""
+"""Most records in a list, the newest."""
 
 MOST_SHOWN: Final = 8
-"""Records that are shown at a time: each takes a process."""
+"""Most records shown at a time: each takes a process."""
 
 MOST_LINE: Final = 9 * 2**20
 """Longest line of a shown record, with its head."""
@@ -51,7 +49,7 @@ _LAST_LINES: Final = 5
 
 
 class RecordsError(Exception):
-    """Why it was not done, in words."""
+    """Reason why a request was not carried out."""
 
 
 class Records:
@@ -60,15 +58,15 @@ class Records:
     def __init__(
         self, folder: Path, bus_words: Sequence[str], recorder: Sequence[str] = RECORDER
     ) -> None:
-        """`bus_words`: the options of the bus for the recorder."""
+        """`bus_words`: options of the bus for the recorder."""
         self.folder = folder
         self.shown = 0
-        """How many are shown to pages now."""
+        """Count of records shown to pages now."""
         self._command = [*recorder, f"--folder={folder}", *bus_words]
         self._recorder: AsyncSubprocess | None = None
         self._following: asyncio.Task[None] | None = None
         self._began = asyncio.Event()
-        """It is being made, or it will not be."""
+        """Set once the recording has begun or failed."""
         self._said: deque[str] = deque(maxlen=_LAST_LINES)
         self._path: Path | None = None
         self._since_s = 0.0
@@ -105,7 +103,7 @@ class Records:
         ]
 
     def path(self, name: object) -> Path:
-        """The file of a record. Raises RecordsError where there is none of this name."""
+        """Return the file of a record. Raises RecordsError if there is none of this name."""
         if isinstance(name, str) and _NAME.fullmatch(name):
             path = self.folder / name
             if path.is_file() and not path.is_symlink():
@@ -113,7 +111,7 @@ class Records:
         raise RecordsError(f"there is no record {str(name)[:110]!r}")
 
     async def record(self) -> None:
-        """Begin a record; come back once it is being made. Raises RecordsError."""
+        """Begin a record; return once it is being made. Raises RecordsError."""
         if self._recorder is not None:
             raise RecordsError("a record is being made already; end it first")
         if self._is_full():
@@ -162,7 +160,7 @@ class Records:
         self._began.set()
 
     async def finish(self) -> None:
-        """End the record; come back once its file has its end. Raises RecordsError."""
+        """End the record; return once its file is complete. Raises RecordsError."""
         if self._recorder is None:
             raise RecordsError("no record is being made")
         await self.close()
@@ -176,7 +174,7 @@ class Records:
 
 
 class OpenRecord:
-    """A record that one page looks at, from `open` to `close`."""
+    """A record that one page views, from `open` to `close`."""
 
     def __init__(
         self,
@@ -198,7 +196,7 @@ class OpenRecord:
         self._task = asyncio.create_task(self._run())
 
     def order(self, table: Mapping[str, Any]) -> None:
-        """Have it show other topics, another time, faster or slower."""
+        """Change the shown topics, time or speed."""
         keys = ("topics", "at_s", "rate", "playing")
         line = json.dumps({key: table[key] for key in keys if key in table}) + "\n"
         process = self._process
@@ -234,7 +232,7 @@ class OpenRecord:
             self._send({"over": f"it cannot be shown: {error}"})
 
     async def close(self) -> None:
-        """Show it no more."""
+        """Stop showing it."""
         self._task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._task
@@ -255,7 +253,7 @@ def _room(stream: asyncio.StreamWriter) -> bool:
 
 
 def records_of(folder: str, bus_words: Sequence[str]) -> Records | None:
-    """The records of `folder`, or of the user's; None: this user has no folder for them."""
+    """Return the records of `folder`, or of the user's; None: this user has no folder for them."""
     try:
         return Records(records_folder(folder), bus_words)
     except ConfigurationError:

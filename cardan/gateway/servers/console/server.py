@@ -47,7 +47,7 @@ from cardan.gateway.servers.web import (
 )
 
 PORT = 8443
-"""Port of the server: https without being the superuser."""
+"""Port of the server: https without superuser rights."""
 
 HOLD_S = Range(1, 3600, "s", "shorter ones end while one reads; an hour bounds nothing")
 
@@ -62,20 +62,20 @@ class ConsoleOptions(RosbridgeOptions):
 
     port: Annotated[int, ANY_PORT] = PORT
     records: str = ""
-    """Folder of the records that pages have made and look at; it is made. Empty: that of the user's
-    (a service's) state, and in it "records"."""
+    """Folder of the records that pages make and view; it is created. Empty: "records" in the folder
+    of the user's (a service's) state."""
 
     camera: tuple[str, ...] = ()
     """Cameras that pages show: NAME=ADDRESS or ADDRESS, which is the URL of a stream of JPEG
-    pictures (MJPEG) or of one picture, or a device of this machine that gives MJPEG, such as
-    /dev/video0."""
+    pictures (MJPEG) or of one picture, or a device of this machine with MJPEG, such as /dev/video0.
+    """
 
     publish_cameras: bool = False
-    """Whether the cameras are on the bus, too, at /camera/NAME/image_raw/compressed, and read while
-    there is a subscription."""
+    """Publish the cameras on the bus, too, at /camera/NAME/image_raw/compressed, and read them
+    while there is a subscription."""
 
     hold_s: Annotated[float, HOLD_S] = LONGEST_S
-    """How long a page jogs an arm without a sign of the person, s: a pointer that moves, a key that
+    """Longest jogging of an arm without a sign of the person, s: a pointer that moves, a key that
     repeats itself, or in Chromium the browser itself."""
 
     def __post_init__(self) -> None:
@@ -86,8 +86,8 @@ class ConsoleOptions(RosbridgeOptions):
             camera_topics.check_names([parse_camera(each).name for each in self.camera])
 
     def with_certificate(self) -> tuple[ConsoleOptions, Own | None]:
-        """The same with a certificate, which is made where one is needed and none is given; None:
-        it is not one that was made here. Raises ConfigurationError."""
+        """Return the options with a certificate, made if one is needed and none is given, and that
+        certificate; None: none was made. Raises ConfigurationError."""
         if self.certificate or not self.encrypted:
             return self, None
         host = reachable_host(self.host)
@@ -109,8 +109,8 @@ class ConsoleServer(RosbridgeServer):
         site: Site | None = None,
         bus: BusOptions | None = None,
     ) -> None:
-        """`bus`: how records are made of it; None: as by default. Raises ConfigurationError where
-        there is no page: `site`, or the one that is built."""
+        """`bus`: options of the bus for recorders; None: the defaults. Raises ConfigurationError if
+        there is no page: `site`, or the built one."""
         self._site = site or Site()
         options = options or ConsoleOptions()
         self._cameras = Cameras(options.camera)
@@ -149,7 +149,7 @@ class ConsoleServer(RosbridgeServer):
                     client.receive(frame)
 
     async def __aenter__(self) -> ConsoleServer:
-        """As of its base."""
+        """Listen. Raises AddressError and ConfigurationError."""
         await super().__aenter__()
         self._publishing = [
             asyncio.create_task(camera_topics.publish(self._network, each))

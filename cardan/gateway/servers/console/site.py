@@ -28,19 +28,19 @@ SECURITY: Final = (
     ("Referrer-Policy", "no-referrer"),
     ("X-Content-Type-Options", "nosniff"),
 )
-"""Nothing from elsewhere is loaded, nothing is sent elsewhere, and no other page may show it."""
+"""Headers that block loading from and sending to other servers, and framing by other pages."""
 
 VISUALS: Final = "/visuals/"
-"""Before the key of a mesh, as an arm's session tells it."""
+"""Path before the key of a mesh that an arm's session publishes."""
 
 FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
-"""A mesh of another content has another key."""
+"""Cache header for meshes: the key depends on the content."""
 
 _KEY: Final = re.compile(r"[0-9a-f]{64}")
-"""No path: only meshes kept by this user's sessions are found by it."""
+"""Key of a mesh, never a path: finds only meshes kept by this user's sessions."""
 
 ENCODINGS: Final = (("br", ".br"), ("gzip", ".gz"))
-"""By preference. Browsers offer br by TLS and on their own computer."""
+"""Encodings by preference. Browsers offer br by TLS and on their own computer."""
 
 
 class Asset(NamedTuple):
@@ -49,14 +49,14 @@ class Asset(NamedTuple):
     content_type: str
     etag: str
     data: Mapping[str, bytes]
-    """By encoding; "" is the file as it is."""
+    """Content by encoding; "" is the plain file."""
 
 
 class Site:
     """All files of the page. They are read once."""
 
     def __init__(self, folder: Path = FOLDER) -> None:
-        """Raises ConfigurationError where the page was not built."""
+        """Raises ConfigurationError if the page was not built."""
         try:
             table = json.loads((folder / "manifest.json").read_text("utf-8"))
             self.sources: str = table["sources"]
@@ -97,7 +97,7 @@ class Site:
 
 
 def visual(key: str) -> Answer | None:
-    """Return the answer to GET of the mesh that is kept by a key; None if there is none."""
+    """Return the answer to GET of the mesh kept by a key; None if there is none."""
     data = stored_visual(key) if _KEY.fullmatch(key) else None
     if data is None:
         return None

@@ -1,5 +1,5 @@
-"""Commands of Cardan's that go on beside a server, each in a process of its own that ends with it:
-none can delay a page's motion."""
+"""Commands of Cardan that run beside a server, each in a separate process that ends with it: none
+can delay a page's motion."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Final
 from cardan.common.text_sanitizer import printable
 
 CARDAN: Final = (sys.executable, "-m", "cardan.gateway.session.parent_death", "")
-"""Before a command's words: it ends with this process, even if that is killed."""
+"""Words before a command: it ends with this process, even after a kill."""
 
 ENDS_WITHIN_S: Final = 10.0
 """Longest time for a command to end in good order: a recorder writes messages that have arrived."""
@@ -26,13 +26,13 @@ class AsyncSubprocess:
     """A command from its start to its end."""
 
     def __init__(self, command: Sequence[str], heard: Callable[[str], None]) -> None:
-        """`heard` gets each line that it prints, also of its complaints."""
+        """`heard` gets each line of its output and error output."""
         self._command, self._heard = command, heard
         self._process: asyncio.subprocess.Process | None = None
         self._reading: asyncio.Task[None] | None = None
 
     async def start(self, environment: Mapping[str, str] | None = None) -> None:
-        """`environment`: beside that of this process. Raises OSError."""
+        """Start it; `environment` is added to that of this process. Raises OSError."""
         self._process = await asyncio.create_subprocess_exec(
             *self._command,
             stdin=asyncio.subprocess.PIPE,
@@ -67,18 +67,18 @@ class AsyncSubprocess:
         await process.wait()
 
     async def ended(self) -> None:
-        """Wait until it has ended and all that it said was heard."""
+        """Wait until it has ended and all of its output was passed on."""
         if self._reading is not None:
             await asyncio.shield(self._reading)
 
     def ask_to_end(self) -> None:
-        """Does not wait; twice is fine."""
+        """Request its end. Does not wait; twice is fine."""
         if self._process is not None and self._process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 self._process.terminate()
 
     async def end(self) -> None:
-        """Ask it to end, and wait; it is killed where it does not. Twice is fine."""
+        """Request its end, and wait; it is killed if it does not end. Twice is fine."""
         process, reading = self._process, self._reading
         if process is None or reading is None:
             return

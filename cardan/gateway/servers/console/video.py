@@ -1,4 +1,4 @@
-"""Pictures of a camera of this machine, of those that give JPEG: V4L2, by the kernel's own calls.
+"""Pictures of a camera of this machine with JPEG output: V4L2, by the kernel's own calls.
 
 Source: Linux Media API, part I (Video for Linux), 1.24 (capture by mmap), and videodev2.h; sizes
 and numbers are those of 64-bit Linux.
@@ -33,21 +33,21 @@ CAPTURE: Final = 1
 STREAMING: Final = 0x04000000
 
 SIZE: Final = (640, 480)
-"""That is asked for; the driver takes the nearest that it has."""
+"""Requested size; the driver takes its nearest."""
 
 BUFFERS: Final = 3
 
 LOOK_S: Final = 0.5
-"""How often it is looked whether to end, while no picture comes."""
+"""Period of checks for the end while no picture arrives."""
 
 SILENT_S: Final = 5.0
-"""After so long without a picture the camera counts as gone."""
+"""Time without a picture after which the camera counts as gone."""
 
 _CAPABILITY = struct.Struct("=84xII12x")
 _FORMAT = struct.Struct("=I4xIII188x")
 _REQUEST = struct.Struct("=IIII4x")
 _BUFFER = struct.Struct("=IIII44xIQIIII")
-"""index, type, bytesused, flags; memory, offset, length, reserved2, request_fd, padding."""
+"""Fields: index, type, bytesused, flags; memory, offset, length, reserved2, request_fd, padding."""
 
 Ioctl = Callable[[int, int, bytearray], int]
 
@@ -61,7 +61,7 @@ class _Buffer:
 
     @property
     def values(self) -> tuple[int, int, int, int]:
-        """index, bytes used, offset, length."""
+        """Return index, bytes used, offset and length."""
         index, _type, used, _flags, _memory, offset, length, *_ = _BUFFER.unpack(self.data)
         return index, used, offset & 0xFFFFFFFF, length
 
@@ -75,8 +75,8 @@ def _ioctl() -> Ioctl:
 
 
 def pictures(path: str, ended: Callable[[], bool], ioctl: Ioctl | None = None) -> Iterator[bytes]:
-    """JPEG pictures of the device at `path` until `ended`. Raises OSError, with its subject in
-    words."""
+    """Yield JPEG pictures of the device at `path` until `ended`. Raises OSError that names its
+    subject."""
     call = ioctl or _ioctl()
     device = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     maps: list[mmap.mmap] = []

@@ -1,13 +1,13 @@
-"""URScript: `parse` turns a program's text into a tree, or says what of it is not understood.
+"""URScript: `parse` converts a program's text to a tree, or reports the part that it does not
+understand.
 
-Known are programs (`def NAME():` and `sec NAME():`) and single commands without either; functions
-and threads inside them; `global` and `local`; assignments also to elements and members; `if`,
-`while`, `switch`; `break`, `continue`, `return`, `halt`, `pass`; `run`, `join`, `kill`;
+Supported are programs (`def NAME():` and `sec NAME():`) and single commands without either;
+functions and threads inside them; `global` and `local`; assignments also to elements and members;
+`if`, `while`, `switch`; `break`, `continue`, `return`, `halt`, `pass`; `run`, `join`, `kill`;
 `enter_critical` and `exit_critical`; numbers, texts, True and False, lists, matrices, poses
-`p[...]`, `struct(...)`; ``+ - * / % == != < <= > >= not and or xor``.
-
-Source: UR's script manual (public). Where a line goes on is not in it: programs in use go on after
-an operator, after `=`, and inside brackets.
+`p[...]`, `struct(...)`; ``+ - * / % == != < <= > >= not and or xor``. Source: UR's script manual
+(public). It does not define continuation lines: existing programs continue lines after an operator,
+after `=`, and inside brackets.
 """
 
 from cardan.protocols.ur.script.lexer import LARGEST, LARGEST_WHOLE

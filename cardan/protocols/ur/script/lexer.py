@@ -1,4 +1,4 @@
-"""The words of URScript."""
+"""Lexer of URScript."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 from cardan.protocols.ur.script.portions import pause
 
 LARGEST: Final = 128 * 1024
-"""Bytes of a program."""
+"""Most bytes of a program."""
 LARGEST_WHOLE: Final = 2**31 - 1
-"""Largest whole number; they have 32 bits."""
+"""Largest integer: 32 bits."""
 
 WORDS: Final = frozenset(
     [
@@ -59,15 +59,15 @@ _TOKEN = re.compile(
 )
 _LAST = re.compile(_SPACE)
 _PORTION: Final = 500
-"""Words between two pauses."""
+"""Tokens between two pauses."""
 
 
 class Token(NamedTuple):
-    """A word of a program."""
+    """A token of a program."""
 
     kind: str
-    """newline, number, text, name; of the language's words and signs, the word itself; empty for
-    what comes after the last."""
+    """Kind: newline, number, text, name; for keywords and signs, the token itself; empty at the
+    end."""
     text: str
     line: int
 
@@ -81,7 +81,8 @@ class WrongError(Exception):
 
 
 class TokenList:
-    """Tokens of a program, in three lists: an object each would keep the garbage collector busy."""
+    """Tokens of a program in three lists: an object per token would keep the garbage collector
+    busy."""
 
     def __init__(self) -> None:
         self.kinds: list[str] = []
@@ -93,7 +94,7 @@ class TokenList:
 
 
 async def words(text: str) -> TokenList:
-    """The words of a program, without comments and what is between them. Raises WrongError."""
+    """Split a program into tokens, without comments and white space. Raises WrongError."""
     found = TokenList()
     kinds, texts, lines, match = found.kinds, found.texts, found.lines, _TOKEN.match
     at, line, pause_at = 0, 1, _PORTION

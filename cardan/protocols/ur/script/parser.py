@@ -1,4 +1,4 @@
-"""Parser of the words of a URScript program to its tree."""
+"""Parser of URScript tokens to a syntax tree."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ from cardan.protocols.ur.script.tree import (
 )
 
 DEEPEST: Final = 50
-"""Levels of brackets and blocks."""
+"""Most levels of brackets and blocks."""
 MOST_PARAMETERS: Final = 100
 """Most parameters of a function."""
 LONGEST_CHAIN: Final = 100
-"""Operators one after the other, without brackets."""
+"""Most consecutive operators without brackets."""
 _UNNAMED: Final = "unnamed"
-"""A command that came without a program."""
+"""Name of a program for a single command."""
 _POSE: Final = 6
 _LINE_ENDS: Final = WORDS.union(("newline", "")) - {
     *("and", "not", "or", "xor"),
     *("True", "False", "def", "sec"),
 }
 _PORTION: Final = 150
-"""Words between two pauses."""
+"""Tokens between two pauses."""
 _NOT: Final = 4
 _LEVELS: Final = {
     "or": 1,
@@ -68,11 +68,11 @@ _LEVELS: Final = {
 """Precedence of operators; `not`: 4."""
 _SIMPLE: Final = frozenset(("number", "text", "name"))
 _GOES_ON: Final = frozenset((*_LEVELS, "[", ".", "("))
-"""Tokens that continue the value before them."""
+"""Tokens that continue the preceding value."""
 
 
 def parse(text: str) -> Program | ParseFailure:
-    """The program in `text`, or why it is refused; a single command is a program of one line."""
+    """Parse the program in `text`, or return why it is refused; a command is a one-line program."""
     return whole(parsed(text))
 
 
@@ -140,7 +140,7 @@ class _Parser:
             raise WrongError(token.line, f"`{text}` is expected, not {token.text!r}")
 
     def _close(self, sign: str) -> None:
-        """The end of brackets, maybe on another line."""
+        """Parse closing brackets, which may be on another line."""
         line = self._line
         self._skip_lines()
         if not self._taken(sign):
@@ -154,7 +154,7 @@ class _Parser:
         return token.text
 
     def _member(self) -> str:
-        """A member's name, which may be a word of the language: `time().sec`."""
+        """Parse a member's name, which may be a keyword: `time().sec`."""
         if self._next.kind in WORDS:
             self._at += 1
             return self._tokens[self._at - 1].text
@@ -230,7 +230,7 @@ class _Parser:
         return (found,)
 
     async def _assignment(self, scope: OneOf["", "global", "local"]) -> Assign | Do:
-        """Or a call of its own."""
+        """Parse an assignment, or a call as a statement."""
         line = self._line
         name = self._name()
         found: Assign | Do
@@ -306,8 +306,8 @@ class _Parser:
         return Define(name, tuple(parameters), await self._ended_block(), thread, line)
 
     def _end_of_line(self) -> None:
-        """Or a word with which a statement begins, or a block ends: there programs in use have
-        no end of the line."""
+        """Accept the end of a line, or a keyword that begins a statement or ends a block: existing
+        programs have no line end there."""
         if self._kinds[self._at] not in _LINE_ENDS:
             token = self._next
             raise WrongError(token.line, f"the line should end before {token.text!r}")
@@ -325,7 +325,7 @@ class _Parser:
         return found
 
     def _simple(self) -> Expression | None:
-        """A number, a text or a variable with nothing more to it: most are that."""
+        """Parse a number, a text or a variable without any suffix, the usual case."""
         kinds, at = self._kinds, self._at
         kind = kinds[at]
         if kind not in _SIMPLE or kinds[at + 1] in _GOES_ON:
@@ -336,7 +336,7 @@ class _Parser:
         return self._literal(at)
 
     def _literal(self, at: int) -> Literal:
-        """A number or a text; one for all that are written alike."""
+        """Return a number or a text, one object for all of the same spelling."""
         found = self._literals.get(self._tokens.texts[at])
         if found is None:
             token = self._tokens[at]
@@ -345,7 +345,7 @@ class _Parser:
         return found
 
     async def _operators(self, least: int) -> Expression:
-        """Values, with operators between them that bind at least so closely."""
+        """Parse values with operators between them of at least this precedence."""
         self._skip_lines()
         if self._kinds[self._at] == "not" and least <= _NOT:
             line = self._line
@@ -422,7 +422,7 @@ class _Parser:
         raise WrongError(line, f"a value is expected, not {token.text!r}")
 
     async def _pose(self, line: int) -> PoseLiteral | Element:
-        """Six are a pose; fewer are indices of a variable that is called `p`."""
+        """Parse `p[...]`: six items are a pose; fewer are indices of a variable named `p`."""
         self._expect("[")
         items = await self._items("]")
         if len(items) == _POSE:
@@ -448,7 +448,7 @@ class _Parser:
                 return tuple(found)
 
     def _goes_on(self, closing: str) -> bool:
-        """Whether another item follows."""
+        """Return True if another item follows."""
         at = self._at
         self._skip_lines()
         if self._taken(","):
@@ -483,7 +483,8 @@ class _Parser:
 
 
 def _put_out(found: Statement) -> Statement:
-    """`digital_out[n] = b`, a command of its own: older than `set_digital_out`, and still sent."""
+    """Parse `digital_out[n] = b`, a command that is older than `set_digital_out` and still in
+    use."""
     if not isinstance(found, Assign) or found.name != "digital_out" or len(found.path) != 1:
         return found
     index = found.path[0]

@@ -1,4 +1,4 @@
-"""Long computing in portions: coroutines that pause now and then, and need no event loop."""
+"""Long computations in portions: coroutines with pauses, without an event loop."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ T = TypeVar("T")
 
 @types.coroutine
 def pause() -> Generator[None, None, None]:
-    """A portion ends here; `send(None)` goes on with the next."""
+    """End a portion; `send(None)` starts the next."""
     yield
 
 
 def whole(work: Coroutine[Any, Any, T]) -> T:
-    """The result of all portions."""
+    """Run all portions and return the result."""
     while True:
         try:
             work.send(None)

@@ -16,7 +16,7 @@ class ParseFailure(NamedTuple):
 
 
 class Literal(NamedTuple):
-    """A number, a text or a truth."""
+    """A number, text or boolean."""
 
     value: float | int | bool | str
 
@@ -59,7 +59,7 @@ class Member(NamedTuple):
 
 
 class Call(NamedTuple):
-    """A function and its arguments; those that were named have their names."""
+    """A function call with its arguments; named ones have their names."""
 
     name: str
     arguments: tuple[Expression, ...]
@@ -68,7 +68,7 @@ class Call(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Start a thread; its value is the thread's handle."""
+    """Start of a thread; the value is the thread's handle."""
 
     call: Call
     line: int
@@ -98,18 +98,18 @@ Expression = Literal | Name | Listed | PoseLiteral | Element | Member | Call | R
 
 
 class Assign(NamedTuple):
-    """A variable gets a value, or what of it a path of indices and members leads to."""
+    """Assignment to a variable, or to the part of it at a path of indices and members."""
 
     name: str
     path: tuple[tuple[Expression, ...] | str, ...]
-    """The steps from the variable to what changes: indices, or a member's name."""
+    """Path from the variable to the assigned part: indices, or a member's name."""
     value: Expression
     scope: OneOf["", "global", "local"]
     line: int
 
 
 class Do(NamedTuple):
-    """A call of its own."""
+    """A call as a statement."""
 
     call: Call | Run
     line: int
@@ -124,7 +124,7 @@ class If(NamedTuple):
 
 
 class While(NamedTuple):
-    """A block, as long as a condition holds."""
+    """A block repeated while a condition holds."""
 
     condition: Expression
     block: tuple[Statement, ...]
@@ -179,9 +179,9 @@ Statement = Assign | Do | If | While | Switch | Leave | Await | Critical | Defin
 
 
 class Program(NamedTuple):
-    """A program that was understood."""
+    """A parsed program."""
 
     name: str
     block: tuple[Statement, ...]
     secondary: bool = False
-    """Secondary program: runs beside another one and takes no time (`sec`)."""
+    """True: a secondary program, which runs beside another one and takes no time (`sec`)."""

@@ -15,7 +15,7 @@ from cardan.protocols.joint_stream.codec import (
 
 
 class State(NamedTuple):
-    """A state of the arm."""
+    """State of the arm."""
 
     number: int
     time_s: float
@@ -23,7 +23,7 @@ class State(NamedTuple):
 
 
 class Command(NamedTuple):
-    """A command; `value` is None for bytes of ours that are no command on purpose."""
+    """Command; `value` is None for bytes that are deliberately not a command."""
 
     number: int
     time_s: float
@@ -31,7 +31,7 @@ class Command(NamedTuple):
 
 
 class JointStreamTraffic(Traffic):
-    """The datagrams of a timeline in which we are the client, or the arm where `arm_sends`."""
+    """Datagrams of a timeline in which we are the client, or with `arm_sends` the arm."""
 
     def __init__(self, timeline: WireTimeline, arm_sends: bool = False) -> None:
         super().__init__(timeline)
@@ -59,16 +59,16 @@ class JointStreamTraffic(Traffic):
                 self.unread.append((number, command.reason))
 
     def during(self, *names: str) -> list[State]:
-        """The states of these phases."""
+        """Return the states of these phases."""
         return self.within(self.states, *names)
 
     def sent_during(self, *names: str) -> list[Command]:
-        """The commands of these phases."""
+        """Return the commands of these phases."""
         return self.within(self.commands, *names)
 
     @property
     def sessions(self) -> list[list[State]]:
-        """The states, session by session."""
+        """Return the states, session by session."""
         found: dict[int, list[State]] = {}
         for each in self.states:
             found.setdefault(each.value.session, []).append(each)

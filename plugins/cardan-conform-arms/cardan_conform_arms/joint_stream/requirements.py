@@ -33,7 +33,7 @@ JITTER_SHARE_OF_PERIOD = 0.4
 GAP_PERIODS = 12
 ACK_PERIODS, ACK_S = 3.0, 0.01
 HELD_RAD = math.radians(0.6)
-"""A servo without integral action sags under gravity when it takes over."""
+"""Tolerance: a servo without integral action sags under gravity when it takes over."""
 STANDING_RAD = math.radians(0.003)
 REACHED = 0.3
 FORGOTTEN_S = 1.2
@@ -56,7 +56,7 @@ requires: Requirements[JointStreamTraffic] = Requirements("JS", _NOTHING)
 
 
 def _in(*phases: str, nothing: str = "") -> Over[JointStreamTraffic, State]:
-    """The states of these phases."""
+    """Return the states of these phases."""
     return Over(lambda decoded: decoded.during(*phases), "{} states", nothing=nothing)
 
 
@@ -88,7 +88,7 @@ def datagrams_are_states(decoded: JointStreamTraffic) -> Verdict:
 
 
 def _gaps(decoded: JointStreamTraffic) -> list[tuple[State, State]]:
-    """Neighbors in a session in phases in which the arm is commanded."""
+    """Return the neighbors in a session in phases in which the arm is commanded."""
     found = []
     for session in decoded.sessions:
         numbers = {each.number for each in decoded.during(*COMMANDED)}
@@ -322,7 +322,7 @@ def figures_are_plausible(each: tuple[State, State]) -> str | None:
     if cycles <= 0:
         return None
     off = b.value.stamp_s - a.value.stamp_s - cycles * a.value.period_s
-    # A forgotten client gets no states, and no sequence is used up.
+    # A dropped client gets no states, and no sequence number is used up.
     return f"{off * 1e3:.2f} ms off" if off < -0.5 * a.value.period_s else ""
 
 
@@ -342,7 +342,7 @@ def both_descriptions_agree(decoded: JointStreamTraffic) -> Verdict:
 
 
 def _moved(decoded: JointStreamTraffic, before: str, after: str) -> tuple[list[float], int] | None:
-    """Travel of each joint from the end of one phase to that of another, rad."""
+    """Return the displacement of each joint from the end of one phase to that of another, rad."""
     one, other = decoded.during(before), decoded.during(after)
     if not one or not other:
         return None

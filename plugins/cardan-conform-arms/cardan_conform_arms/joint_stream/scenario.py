@@ -1,4 +1,4 @@
-"""Asks an arm over the joint stream: greets it, holds it, and moves every joint a little."""
+"""Scenario for an arm over the joint stream: greet, hold, and move every joint a little."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FAR_RAD = 1e3
 """Outside of every range."""
 HAND_S = 60.0
 FOREIGN_SESSIONS = 7
-"""How far the session is off that is not the arm's."""
+"""Offsets of foreign session numbers from the arm's."""
 
 
 class JointStreamScenario(Scenario):

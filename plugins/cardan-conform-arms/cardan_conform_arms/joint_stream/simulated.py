@@ -14,7 +14,7 @@ PERIOD_S, STEP_S = 0.008, 0.002
 
 
 class JointStreamSimulation(CyclicSimulation[bytes]):
-    """A simulated arm, with faults of its own and of the network."""
+    """Simulated arm, with faults of its own and of the network."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = SimulatedArmOptions(

@@ -1,4 +1,4 @@
-"""Defects of clients of the joint stream, for the driver that is simulated."""
+"""Defects of clients of the joint stream, for the simulated driver."""
 
 from __future__ import annotations
 

@@ -31,20 +31,21 @@ RULES = f"{PAGE}, rules"
 HEADER = f"{PAGE}, header"
 
 ROBOT, PERIOD_S = "ur5", 0.008
-"""The arm, and its cycle."""
+"""Simulated arm, and its cycle."""
 ARM = load_arm(ROBOT)
 JOINTS = len(ARM.joints)
 JOINTS_AT = 7
-"""Where a datagram has the number of joints."""
+"""Offset of the number of joints in a datagram."""
 ANSWERED_SHARE = 0.95
 NEAR_RAD = math.radians(0.5)
 STILL_RAD_S = 0.02
 STOP_TOLERANCE_RAD = 0.02
-"""Beyond its stop a joint that rests on it may be measured, and so commanded."""
+"""Tolerance beyond a stop for measured, and thus commanded, positions of a joint that rests on
+it."""
 SPEED_SHARE = 1.1
 CLOCK_SHARE = 0.02
 UNLIKE_RAD_S, UNLIKE_SHARE = 0.05, 0.3
-"""Largest difference of a command's speed from that of its positions, and as a share of that."""
+"""Largest difference of a command's speed from that of its positions, absolute and relative."""
 ON_THEIR_WAY_S = 0.05
 GREETS_WITHIN_S = 1.0
 STOPPED_STATES = 10
@@ -53,7 +54,7 @@ _NOTHING = "no commands came"
 requires: Requirements[JointStreamTraffic] = Requirements("JSPC", _NOTHING)
 
 ASKS = {"run": "JSPC-106", "junk": "JSPC-115", "again": "JSPC-120"}
-"""Phases in which it is to answer, and what requires it."""
+"""Phases in which the client must answer, and the requirement of each."""
 
 
 def _ended_before(phase: str) -> Callable[[JointStreamTraffic], Verdict | None]:
@@ -61,7 +62,7 @@ def _ended_before(phase: str) -> Callable[[JointStreamTraffic], Verdict | None]:
 
 
 class Said(NamedTuple):
-    """A command of the client, and the newest state before it."""
+    """Command of the client, and the newest state before it."""
 
     number: int
     time_s: float
@@ -97,7 +98,7 @@ def _greets(command: ArmCommand) -> bool:
 
 
 def _speed(said: Said) -> float:
-    """The largest speed that a command asks for, rad/s; of torques none is known."""
+    """Return the largest commanded speed, rad/s; for torques it is unknown."""
     value = said.value
     if value.mode is ControlMode.VELOCITY:
         return max(map(abs, value.values))
@@ -105,7 +106,7 @@ def _speed(said: Said) -> float:
 
 
 def _away(said: Said) -> float:
-    """Distance of commanded positions from the measured ones, rad."""
+    """Return the distance of commanded positions from the measured ones, rad."""
     if said.value.mode is not ControlMode.POSITION or said.state is None:
         return 0.0
     there = said.state.value.positions
@@ -169,14 +170,14 @@ def the_session_is_the_newest(each: Said) -> str | None:
 
 
 class Pair(NamedTuple):
-    """A state, and what came before the next one."""
+    """State, and the commands before the next one."""
 
     state: State
     commands: list[Said]
 
 
 def _pairs(decoded: JointStreamTraffic, *phases: str) -> list[Pair]:
-    """The states of the phases."""
+    """Return the states of the phases."""
     found = []
     commands = iter(_said(decoded, *phases))
     command = next(commands, None)
@@ -262,7 +263,8 @@ def stamps_advance_as_time_does(decoded: JointStreamTraffic) -> Verdict:
 
 
 def _begins(decoded: JointStreamTraffic) -> Iterator[Said]:
-    """The first commands that are no holds: of all, of a session, and after a stop or a silence."""
+    """Yield the first commands other than holds: of all, of a session, and after a stop or a
+    silence."""
     for phases in (("greet", "run"), ("acknowledged",), ("again",), ("restarted", "anew")):
         found = [e for e in _said(decoded, *phases) if e.value.mode is not ControlMode.HOLD]
         if phases[0] == "restarted":
@@ -288,7 +290,7 @@ def motion_begins_where_the_arm_is(decoded: JointStreamTraffic) -> Verdict:
 
 
 def _outside(value: ArmCommand) -> str:
-    """Which joint is out of its range, or too fast; empty: none."""
+    """Return the first joint out of its range, or too fast; empty: none."""
     if value.mode is ControlMode.TORQUE:
         return ""
     for joint, q in enumerate(value.values):
@@ -310,7 +312,7 @@ def commands_are_within_the_arm(each: Said) -> str:
 
 
 def _steps(decoded: JointStreamTraffic) -> Iterator[tuple[Said, Said, float]]:
-    """Neighboring commands of positions in one session, and the arm's time between them."""
+    """Yield neighboring position commands in one session, and the arm's time between them."""
     for a, b in pairwise(_said(decoded, "run", "acknowledged", "junk", "anew")):
         both = a.value.mode is b.value.mode is ControlMode.POSITION
         if not both or a.state is None or b.state is None:
@@ -409,7 +411,7 @@ def old_states_are_not_answered(decoded: JointStreamTraffic) -> Verdict:
 
 
 def _fresh(decoded: JointStreamTraffic, phase: str) -> list[State]:
-    """The states of a phase that are newer than all before them."""
+    """Return the states of a phase that are newer than all before them."""
     inside = {each.number for each in decoded.during(phase)}
     found: list[State] = []
     newest: State | None = None

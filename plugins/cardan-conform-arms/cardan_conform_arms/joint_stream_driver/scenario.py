@@ -1,4 +1,4 @@
-"""Scenario of an arm for a client of the joint stream: is stopped, restarts, falls silent, and
+"""Scenario that is a client's arm over the joint stream: it is stopped, restarts, falls silent, and
 sends junk and old states in between."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cardan_conform_arms.joint_stream_driver.requirements import PERIOD_S, ROBOT
 
 STEP_S = 0.002
 SESSION = 41
-"""The first one: a number that no client has by itself."""
+"""First session number: no client chooses it by itself."""
 SILENT_S = 1.0
 STOPPED_S = 0.4
 SETTLE_S = 0.1
@@ -27,7 +27,7 @@ BETWEEN_S = 0.05
 
 
 class ArmScenario(CyclicController):
-    """The simulated arm in the hands of a script. Nothing real moves."""
+    """Simulated arm, run by a script. No real arm moves."""
 
     period_s = PERIOD_S
 
@@ -57,7 +57,7 @@ class ArmScenario(CyclicController):
         return () if self._silent else found
 
     def _client_comes(self) -> Script:
-        """Cycles until a client is there, and a few more."""
+        """Run cycles until a client is connected, and a few more."""
         yield from self._cycles_until(
             lambda: self._core.client is not None, COME * self._seconds, SETTLE_S
         )

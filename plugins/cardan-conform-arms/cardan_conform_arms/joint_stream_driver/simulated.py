@@ -44,9 +44,9 @@ class JointStreamDriverSimulation(DriverSimulation):
         self._listens = self._ended = self._moves = self._lost = False
         self._reported = self._asked = self._sequence = 0
         self._first = 0
-        """Of the arm's sessions the first that was heard; 0: none yet."""
+        """First session of the arm that was heard; 0: none yet."""
         self._from: tuple[float, tuple[float, ...], int] | None = None
-        """When and where motion began, and in which session."""
+        """Time, place and session of the start of motion."""
         self._target: tuple[float, ...] = ()
 
     def _open(self, channel: str) -> None:
@@ -56,7 +56,8 @@ class JointStreamDriverSimulation(DriverSimulation):
     # -- what the driver is asked to do -----------------------------------------------------------
 
     def _wanted(self, state: RobotState) -> RobotCommand:
-        """Every joint swings there and back, from where it was when commands began to act."""
+        """Return the command: every joint swings back and forth, from its position when commands
+        began to act."""
         if state.hold_reason:
             self._from = None
             return HoldCommand()
@@ -100,7 +101,7 @@ class JointStreamDriverSimulation(DriverSimulation):
                 self._say(command, found)
 
     def _answer_old(self, state: ArmState) -> None:
-        """Answer a state that is not newer than the newest, as a driver with a fault does."""
+        """Answer an outdated state, as a driver with a fault does."""
         newest = self._session.message
         if newest is None:
             return
@@ -138,7 +139,7 @@ class JointStreamDriverSimulation(DriverSimulation):
         if mode is ControlMode.HOLD and session and "joints" in faults:
             joints = int(faults["joints"])
         stamp_s = faults.get("clock", 1.0) * command.stamp_s
-        # Only a greeting lets a client count anew.
+        # Only a greeting lets a client restart its count.
         reported = ArmCommand(session, self._sequence, stamp_s, mode, values, forward)
         data = encode_command(reported, joints)
         return data[:-5] if strikes(faults, "truncated", self._reported) else data
@@ -180,7 +181,7 @@ class JointStreamDriverSimulation(DriverSimulation):
             self._say(command)
 
     def _by_hand(self, what: str) -> None:
-        """The driver's program ends."""
+        """End the driver's program."""
         if "leaves-moving" not in self._faults and not self._ended:
             words = self._session.final_command(self._now_s)
             if words is not None:

@@ -30,11 +30,11 @@ class JointStreamDriver(Suite[JointStreamTraffic]):
     simulation = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverSimulation"
     own_faults = FAULTS
     seconds = 0.8
-    # Traffic where it is ended, which only level 3 does.
+    # Traffic at the end of the driver, which only level 3 includes.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}
 
     def scenario(self, level: Level, seconds: float) -> Scenario:
-        # The simulated arm needs the extra cardan[arm]; judging what it heard does not.
+        # The simulated arm needs the extra cardan[arm]; checking its traffic does not.
         from cardan_conform_arms.joint_stream_driver.scenario import ArmScenario
 
         return ArmScenario(level, seconds)

@@ -27,24 +27,24 @@ _HEARD = {
 
 @dataclass
 class Goal:
-    """A goal that was sent."""
+    """Goal that was sent."""
 
     number: int
-    """Of its event."""
+    """Number of its event."""
     sent_s: float
     id: bytes
     trajectory: Message
     accepted: bool | None = None
     """None: no answer."""
     status: int | None = None
-    """Of its result; None: there is none."""
+    """Status of its result; None: no result."""
     code: int = 0
     words: str = ""
     result: int = 0
     """Number of the result's event."""
     result_s: float = 0.0
     states: list[tuple[int, int]] = field(default_factory=list)
-    """Its status as it is published: number of the event, status."""
+    """Published status: number of the event, status."""
 
     @property
     def target(self) -> dict[str, float]:
@@ -60,7 +60,7 @@ class Goal:
 
     @property
     def became(self) -> str:
-        """Outcome of the goal, in words."""
+        """Return the outcome of the goal in words."""
         if self.accepted is None:
             return "nobody answered"
         if not self.accepted:
@@ -73,14 +73,14 @@ class Goal:
 
 
 class TrajectoryTraffic(RosArmTraffic):
-    """The goals of a timeline, beside the arm's states."""
+    """Goals of a timeline, and the arm's states."""
 
     def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.goals: list[Goal] = []
         self.feedback: list[tuple[int, Message]] = []
         self.canceled: dict[bytes, float] = {}
-        """When the cancellation of a goal was sent, by its id."""
+        """Time at which the cancellation of a goal was sent, by its id."""
         self._asked: list[bytes] = []
         """Ids of the goals whose results were requested."""
         for number, event in enumerate(timeline):
@@ -126,11 +126,11 @@ class TrajectoryTraffic(RosArmTraffic):
         return next((each for each in self.goals if each.id == goal_id), None)
 
     def sent_in(self, phase: str) -> list[Goal]:
-        """The goals of a phase."""
+        """Return the goals of a phase."""
         return self.within(self.goals, phase)
 
     def off(self, state: State, positions: dict[str, float]) -> dict[str, float]:
-        """Distance of joints from `positions`; continuous joints by the short way."""
+        """Return the distance of joints from `positions`; for continuous joints the shorter way."""
         kinds = self.described or {}
         return {
             name: joint_distance(state.positions[name], at, kinds.get(name, ""))
@@ -140,7 +140,7 @@ class TrajectoryTraffic(RosArmTraffic):
 
     def farthest(self, states: list[State]) -> tuple[float, str, int]:
         """Return the largest distance of a joint from its first position in `states`, the joint and
-        the event: of joints that goals name, if there are goals."""
+        the event; only joints of goals, if there are goals."""
         first: dict[str, float] = {}
         for each in reversed(states):
             first.update(each.positions)

@@ -1,4 +1,4 @@
-"""Defects of action servers, for the one that is simulated."""
+"""Defects of action servers, for the simulated one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Channels and types of the action, beside those of the arm."""
+"""Channels and types of the action, in addition to those of the arm."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from cardan.protocols.ros2.interfaces import action_type
 from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS, Channel
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
-"""Where it is unless said otherwise."""
+"""Default name of the action."""
 TYPE = action_type("control_msgs/action/FollowJointTrajectory")
 GOAL, CANCEL, RESULT = "send_goal", "cancel_goal", "get_result"
 FEEDBACK, STATUS = "feedback", "status"
-"""Channels of timelines, called as ROS 2 calls them below the action's name."""
+"""Channels of timelines, with ROS 2's names below the action's."""
 
 
 def channels_of(action: str) -> dict[str, Channel]:
-    """All that the suite opens, for an action of this name: the arm is in its controller's
+    """Return all channels of the suite for an action of this name: the arm is in its controller's
     namespace."""
     base = f"{action}/_action"
     namespace = action.rpartition("/")[0].rpartition("/")[0]

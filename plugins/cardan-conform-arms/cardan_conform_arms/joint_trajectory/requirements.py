@@ -63,7 +63,7 @@ def a_goal_is_accepted(decoded: TrajectoryTraffic) -> Verdict:
 
 
 def _succeeded(goals: list[Goal]) -> Verdict:
-    """Whether all of them did, in their time."""
+    """Check if all of them succeeded in time."""
     wrong = []
     for goal in goals:
         late_s = goal.result_s - goal.sent_s - goal.seconds
@@ -151,9 +151,9 @@ def moving_succeeds(decoded: TrajectoryTraffic) -> Verdict:
 
 
 def _missed(decoded: TrajectoryTraffic, goal: Goal) -> tuple[float, str, int] | None:
-    """The farthest joint from the goal in the state after its result."""
+    """Return the joint farthest from the goal in the state after its result."""
     for state in decoded.states:
-        # Other publishers may tell of other joints.
+        # Other publishers may send other joints.
         if state.number > goal.result and (off := decoded.off(state, goal.target)):
             return max((abs(value), name, state.number) for name, value in off.items())
     return None

@@ -1,4 +1,4 @@
-"""An action client: sends goals that are good and goals that are not, and cancels some."""
+"""Scenario of an action client: valid and invalid goals, and cancellations."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ STEP_M = 1e-3
 NEAR = 0.3
 """Tolerance at a goal and at rest, as a share of a step."""
 FAR = 0.05
-"""All goals are canceled, and no more is asked, when a joint is so far from where it was."""
+"""Distance of a joint from its start at which all goals are canceled and the run ends."""
 TURN = 2.0 * math.pi
 
 SHORT_S, LONG_S = 1.0, 3.0
 """Duration of a goal, and of a goal that is to be interrupted."""
 AFTER_S = 0.6
-"""When that is done to it."""
+"""Time of the interruption of such a goal."""
 TOLERANCE_S = 1.0
 """`goal_time_tolerance`."""
 LATE_S = 1.0
-"""How much later than that a result is waited for."""
+"""Longest wait for a result beyond that."""
 REST_S = 0.5
-"""An arm comes to rest within this, and is watched for it afterwards."""
+"""Time in which an arm comes to rest, and then of observation."""
 
 BAD = ("unknown", "too-few", "unequal", "same-time", "nan")
-"""Phases with a goal that cannot be carried out."""
+"""Phases with a goal that cannot be executed."""
 
 _STATE, _TEXT = codec_of(TOPICS[STATES].type), codec_of(TOPICS[DESCRIPTION].type)
 _ACCEPTED = codec_of(TYPE.send_goal.response)
@@ -44,7 +44,8 @@ _NS = 10**9
 
 
 def joint_distance(to: float, from_: float, kind: str) -> float:
-    """Distance of a joint of this kind from its earlier position; continuous: by the short way."""
+    """Return the distance of a joint of this kind from its earlier position; continuous: the
+    shorter way."""
     way = to - from_
     return math.remainder(way, TURN) if kind == "continuous" and math.isfinite(way) else way
 
@@ -59,19 +60,19 @@ def _duration(seconds: float) -> Message:
 
 
 class TrajectoryScenario(Scenario):
-    """A client that asks for the result of each accepted goal."""
+    """Client that requests the result of each accepted goal."""
 
     def __init__(self, level: Level, seconds: float, joints: tuple[str, ...] = ()) -> None:
-        """`joints`: those that the controller moves; empty: all that are described and come."""
+        """`joints`: those of the controller; empty: all that are described and published."""
         self._level, self._seconds, self._joints = level, seconds, joints
         self._kinds: dict[str, str] = {}
         self._at: dict[str, float] = {}
         self._home: dict[str, float] = {}
-        """Position of each joint of the goals in the beginning; empty: not known."""
+        """Initial position of each joint of the goals; empty: unknown."""
         self._seed = b""
-        """Ids of goals are made of it: no two runs have the same."""
+        """Seed of the goals' ids: no two runs have the same."""
         self._ids: list[bytes] = []
-        """Of the goals that were sent."""
+        """Ids of the goals that were sent."""
         self._asked: list[int] = []
         """Numbers of the goals whose results were requested."""
         self._settled: set[int] = set()
@@ -117,9 +118,10 @@ class TrajectoryScenario(Scenario):
         return send(_encoded(f"{CANCEL_TYPE}_Request", given), CANCEL)
 
     def _goal(self, target: Mapping[str, float], seconds: float, bad: str = "") -> Step:
-        """A goal from where the arm is to `target`, for all its joints. `bad`: how it is spoilt."""
+        """Return a goal from the present position to `target`, for all its joints. `bad`: its
+        defect."""
         names = list(self._home)
-        # Where it is by the same count of whole turns as where it is to go.
+        # Present position with the same count of whole turns as the target.
         start = [
             self._at[name] + TURN * round((target[name] - self._at[name]) / TURN)
             if self._kinds[name] == "continuous"
@@ -160,7 +162,7 @@ class TrajectoryScenario(Scenario):
 
     @property
     def _moved(self) -> str:
-        """The joint that is moved: the last one."""
+        """Return the joint that is moved: the last one."""
         return next(reversed(self._home))
 
     def _out(self) -> dict[str, float]:
@@ -171,7 +173,7 @@ class TrajectoryScenario(Scenario):
         return self._away or len(self._settled) == len(self._ids)
 
     def _ending(self, seconds: float) -> Script:
-        """Wait until all goals have ended, the longest of which takes `seconds`, and a while."""
+        """Wait until all goals have ended, the longest of which takes `seconds`, and a margin."""
         yield Pause(seconds + TOLERANCE_S + LATE_S, self._is_settled)
         yield Pause(2.0 * REST_S)
 
@@ -231,8 +233,8 @@ class TrajectoryScenario(Scenario):
         yield from self._ending(SHORT_S)
 
     def _wrapped(self, name: str) -> float:
-        """A step on, by another count of turns: within (-pi, pi] where the joint is not, else one
-        turn on."""
+        """Return the position one step on, by another count of turns: within (-pi, pi] if the joint
+        is not, else one turn on."""
         target = self._home[name] + STEP
         turns = math.ceil(target / TURN - 0.5)
         return target - TURN * turns if turns else target + TURN

@@ -27,18 +27,18 @@ from cardan_conform_arms.joint_trajectory.scenario import TURN
 from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS
 
 ARM = "pr2_right_arm"
-"""With two joints that are continuous."""
+"""Arm with two continuous joints."""
 PERIOD_S = 0.01
 FEEDBACK_CYCLES = 10
 GOAL_S = 0.004
-"""How long a goal is on its way; its cancellation is there at once."""
+"""Transmission time of a goal; its cancellation arrives at once."""
 WALL_NS = 1_700_000_000 * 10**9
 
 _Path = list[tuple[float, list[float]]]
 
 
 class ActionSimulation(DriverSimulation):
-    """An ideal arm that is where its trajectory says."""
+    """Ideal arm that follows its trajectory exactly."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         super().__init__(exchange, faults, FAULTS)
@@ -48,13 +48,13 @@ class ActionSimulation(DriverSimulation):
         self._q = list(self._arm.home)
         self._goals = Goals()
         self._coming: list[tuple[float, str, Message]] = []
-        """Goals on their way: when they are there, and the numbers of their requests."""
+        """Goals under way: arrival time, and number of the request."""
         self._asked: Counter[str] = Counter()
-        """Requests on each channel."""
+        """Number of requests on each channel."""
         self._waiting: dict[bytes, list[str]] = {}
-        """Numbers of the requests for the results of goals that go on."""
+        """Numbers of the requests for the results of active goals."""
         self._goal: Goal | None = None
-        """That moves the arm."""
+        """Goal that moves the arm."""
         self._path: _Path = []
         """Times since the start, and positions; empty: the arm stands."""
         self._cycles = 0
@@ -246,4 +246,4 @@ class ActionSimulation(DriverSimulation):
             self._finish(self._goal, GoalStatus.SUCCEEDED)
 
     def _by_hand(self, what: str) -> None:
-        """No operator acts in this suite."""
+        """Do nothing: this suite has no operator."""

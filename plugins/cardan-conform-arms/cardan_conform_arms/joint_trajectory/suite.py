@@ -40,7 +40,7 @@ class JointTrajectory(Suite[TrajectoryTraffic]):
         return TrajectoryScenario(level, seconds, self._joints)
 
     def wires(self, target: str) -> Wires:
-        # Zenoh comes with the extra cardan[network].
+        # Zenoh is installed with the extra cardan[network].
         from cardan_conform_arms.ros2_arm.wire import RosWires
 
         router, action, *joints = [*target.split(","), ""][: max(2, target.count(",") + 1)]

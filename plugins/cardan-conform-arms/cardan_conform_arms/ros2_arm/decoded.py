@@ -10,28 +10,28 @@ from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TO
 
 
 class State(NamedTuple):
-    """A joint state."""
+    """Joint state."""
 
     number: int
     time_s: float
     publisher: str
     sequence: int | None
-    """As the publisher counts; None where the transport does not say."""
+    """Publisher's count; None if the transport has none."""
     stamp_s: float
     positions: dict[str, float]
     whole: bool
-    """As many positions as names."""
+    """True with as many positions as names."""
 
 
 class RosArmTraffic(Traffic):
-    """The messages of a timeline."""
+    """Messages of a timeline."""
 
     def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[tuple[int, float]] = []
         self.described: dict[str, str] | None = None
-        """The joints that move, as `joints_of` has them."""
+        """Moving joints, as returned by `joints_of`."""
         codec = codec_of(TOPICS[STATES].type)
         text = codec_of(TOPICS[DESCRIPTION].type)
         for number, event in enumerate(timeline):
@@ -64,11 +64,11 @@ class RosArmTraffic(Traffic):
                 )
 
     def during(self, *names: str) -> list[State]:
-        """The states of these phases."""
+        """Return the states of these phases."""
         return self.within(self.states, *names)
 
     def publishers(self) -> dict[str, list[State]]:
-        """The states of each publisher."""
+        """Return the states of each publisher."""
         found: dict[str, list[State]] = {}
         for each in self.states:
             found.setdefault(each.publisher, []).append(each)

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 
 class Channel(NamedTuple):
-    """A topic or a service, as a channel of timelines."""
+    """Topic or service, as a channel of timelines."""
 
     name: str
     type: str
@@ -30,7 +30,7 @@ _MOVES = re.compile(r"\btype\s*=\s*[\"'](revolute|continuous|prismatic)[\"']")
 
 
 def joints_of(urdf: str) -> dict[str, str]:
-    """The kind of each joint that moves, by name, in the order of the description."""
+    """Return the kind of each moving joint, by name, in the order of the description."""
     found: dict[str, str] = {}
     for tag in _JOINT.findall(urdf):
         name, kind = _NAME.search(tag), _MOVES.search(tag)

@@ -199,7 +199,7 @@ def there_are_no_pauses(decoded: RosArmTraffic) -> Verdict:
 @requires.each(12, f"{JOINT_STATE}, header.stamp: when it was recorded", STATES)
 def states_are_stamped(each: State) -> str:
     """Every message has a stamp."""
-    # A gripper's node may leave it out: that is another publisher.
+    # A gripper's node may omit it: that is another publisher.
     return "" if each.stamp_s else "it is zero"
 
 
@@ -267,7 +267,7 @@ def an_arm_that_is_held_stays(decoded: RosArmTraffic) -> Verdict:
 
 
 def _last(decoded: RosArmTraffic, phase: str) -> dict[str, float] | None:
-    """The last position of each joint of the description in a phase."""
+    """Return the last position of each joint of the description in a phase."""
     found: dict[str, float] = {}
     for each in decoded.during(phase):
         found.update(each.positions)

@@ -1,4 +1,4 @@
-"""Listens to a ROS 2 arm, holds it where it is, and moves every joint a little."""
+"""Scenario for a ROS 2 arm: listen, hold it in place, and move every joint a little."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COMMAND = codec_of(TOPICS[COMMANDS].type)
 
 
 class RosArmScenario(Scenario):
-    """A program that commands positions, joint by joint in the description's order."""
+    """Program that commands positions, joint by joint in the description's order."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level

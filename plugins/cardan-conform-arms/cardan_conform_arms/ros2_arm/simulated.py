@@ -18,13 +18,13 @@ STEP_S = 0.002
 
 
 class RosArmSimulation(CyclicSimulation[JointStateMessage]):
-    """The controller manager's cycles, and messages both ways."""
+    """Cycles of the controller manager, and messages both ways."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = RosArmOptions(faults=faults, seed=seed)
         super().__init__(exchange, options.period_s, faults, seed)
         self._arm = RosArm(options)
-        # Longer steps than the arm's own, for the sake of what they cost to compute.
+        # Longer steps than the arm's own, to save computing time.
         coarse = dataclasses.replace(options.plant, step_s=STEP_S)
         self._arm.plant = ArmPlant(self._arm.arm, coarse)
         self._ended = False

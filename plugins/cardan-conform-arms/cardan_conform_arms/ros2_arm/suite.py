@@ -36,7 +36,7 @@ class Ros2Arm(Suite[RosArmTraffic]):
     }
 
     def wires(self, target: str) -> Wires:
-        # Zenoh comes with the extra cardan[network].
+        # Zenoh is installed with the extra cardan[network].
         from cardan_conform_arms.ros2_arm.wire import RosWires
 
         return RosWires(target, TOPICS)

@@ -18,11 +18,11 @@ NODE = "cardan_conform"
 DEPTH = 1000
 LOOK_S = 0.1
 CALL_S = 60.0
-"""How long a response is waited for: a goal's result comes when it has ended."""
+"""Longest wait for a response: a goal's result arrives after its end."""
 
 
 class _Waking(TargetWire):
-    """Queue that other threads `_put` into; wakes `select` up."""
+    """Queue that other threads fill with `_put`; it wakes `select` up."""
 
     def __init__(self) -> None:
         self._ours, self._theirs = socket.socketpair()
@@ -47,7 +47,7 @@ class _Waking(TargetWire):
         return iter(found)
 
     def write(self, data: bytes) -> None:
-        """Nothing is sent, unless a wire says so."""
+        """Send nothing, unless a subclass does."""
 
     def close(self) -> None:
         self._ours.close()
@@ -55,7 +55,7 @@ class _Waking(TargetWire):
 
 
 class _Commands(_Waking):
-    """A publisher."""
+    """Publisher of commands."""
 
     def __init__(self, publisher: Publisher) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class _Commands(_Waking):
 
 
 class _Calls(_Waking):
-    """A client of a service. A response's note is the number of its request, from 1."""
+    """Client of a service. A response's note is the number of its request, from 1."""
 
     def __init__(self, client: Client) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ class _Calls(_Waking):
 
 
 class _Topic(_Waking):
-    """A subscription, which a thread waits for."""
+    """Subscription that a thread waits for."""
 
     def __init__(self, subscription: WaitingSubscription) -> None:
         super().__init__()
@@ -115,7 +115,7 @@ class _Topic(_Waking):
 
 
 class RosWires(Wires):
-    """Topics and services by way of a router."""
+    """Topics and services through a router."""
 
     def __init__(self, router: str, channels: Mapping[str, Channel]) -> None:
         self._router, self._channels = router, channels

@@ -1,2 +1,2 @@
-"""The protocols that ``cardan dissect`` reads: where their bytes are in a packet, and the codec of
+"""Protocols of ``cardan dissect``: location of their bytes in a packet, and the codec of
 :mod:`cardan.protocols` that decodes them."""

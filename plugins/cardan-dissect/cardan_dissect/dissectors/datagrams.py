@@ -26,7 +26,7 @@ PC_TYPES = (EgmMessageType.CORRECTION, EgmMessageType.PATH_CORRECTION)
 _new = tuple.__new__
 
 MOST_KNOWN = 1024
-"""Outlines of EGM that are kept."""
+"""Most outlines of EGM datagrams that are kept."""
 
 _Decode: TypeAlias = Callable[
     [bytes], EgmRobot | EgmSensor | EgmSensorPathCorr | MalformedEgmMessage
@@ -52,7 +52,7 @@ class Egm(DatagramDissector):
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         super().__init__(numbers)
         self._known: dict[tuple[Endpoint, Endpoint, int], _Known | None] = {}
-        """By sender, receiver and length; None where it is too unusual to learn."""
+        """By sender, receiver and length; None if it is too unusual to learn."""
 
     def decode(self, segment: Segment) -> Decoded | None:
         data = segment.payload
@@ -71,7 +71,7 @@ class Egm(DatagramDissector):
             return None
         decode: _Decode = decode_robot if to_pc else decode_from_pc
         value = decode(data)
-        # The controller's local port may be one of the ports, too.
+        # The controller's local port may be one of the ports too.
         if to_pc and from_pc and isinstance(value, MalformedEgmMessage):
             decode = decode_from_pc
             value = decode(data)
@@ -107,7 +107,7 @@ class Egm(DatagramDissector):
 
 
 class _Known(NamedTuple):
-    """Title and decoder of the datagrams that have the outline."""
+    """Title and decoder of the datagrams with this outline."""
 
     outline: Outline
     title: str

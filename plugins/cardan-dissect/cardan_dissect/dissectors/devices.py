@@ -17,18 +17,18 @@ from cardan_dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
 from cardan_dissect.usbmon import Urb
 
 MOST_COUNTS = 512
-"""Largest deflection known of any device; nominal full scale is 350."""
+"""Largest known deflection of any device; nominal full scale is 350."""
 HELD_REPORTS = 8
-"""Packets held of a device that is not known yet."""
+"""Most packets held back of a device that is not identified yet."""
 MOST_ASKED = 1024
-"""Questions for device descriptors that are remembered."""
+"""Most remembered requests for device descriptors."""
 GET_DEVICE_DESCRIPTOR, SET_OUTPUT_REPORT = b"\x80\x06\x00\x01", b"\x21\x09"
 OUTPUT_TYPE = 2
 MOTION = (connexion_reports.Translation, connexion_reports.Rotation, connexion_reports.MotionReport)
 
 
 def hid_report(value: Any, report: bytes, cut: bool) -> Decoded:
-    """A HID report that a codec decoded. Reports unknown to the codec are shown in hex."""
+    """Return a HID report that a codec decoded. Reports unknown to the codec are shown in hex."""
     if cut:
         return Decoded(None, "report", CUT)
     if not isinstance(value, MalformedReport):
@@ -40,11 +40,11 @@ def hid_report(value: Any, report: bytes, cut: bool) -> Decoded:
 
 
 class _UsbDevice:
-    """A device at its address on a bus."""
+    """Device at its address on a bus."""
 
     def __init__(self) -> None:
         self.name = "by the look of its reports (no device descriptor in the capture)"
-        self.ours: bool | None = None  # None: not known yet
+        self.ours: bool | None = None  # None: not known yet.
         self.held: deque[tuple[CapturedPacket, Urb]] = deque(maxlen=HELD_REPORTS)
 
     def identify(self, vendor: int, product: int) -> None:
@@ -58,9 +58,9 @@ class _UsbDevice:
 class Connexion(Dissector):
     """3Dconnexion's reports on USB, from usbmon.
 
-    A device is known by the device descriptor in the capture (libpcap asks for those of the bus
-    when it starts); without one, once it has sent a pair of reports 1 and 2 or a report 1 of all
-    axes with possible counts.
+    A device is identified by the device descriptor in the capture (libpcap requests those of the
+    bus at its start); without one, by a pair of reports 1 and 2 or a report 1 of all axes with
+    possible counts.
     """
 
     name = "3Dconnexion"
@@ -124,7 +124,7 @@ def _is_input(urb: Urb) -> bool:
 
 
 def _looks_right(reports: list[bytes]) -> bool:
-    """Whether an endpoint's reports can only be motion of a six-axis device."""
+    """Return True if an endpoint's reports can only be motion of a six-axis device."""
     kinds = set()
     for data in reports:
         report = connexion_reports.decode_input(data)

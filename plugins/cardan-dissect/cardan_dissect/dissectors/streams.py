@@ -46,12 +46,12 @@ LARGEST_PREFIX = HEADER_BYTES + 8 + MAX_GROUPS * (8 + 31 * 8)
 """Largest prefix of any known message: a point for every group, with reals of 8 bytes."""
 MESSAGE_TYPES = frozenset(MessageType)
 PENDING = 256
-"""Requests of RTDE remembered until they are answered."""
+"""Most unanswered requests of RTDE that are remembered."""
 LARGEST_TIME_S = 1e9
 """Upper bound of a controller's uptime, s."""
 RTDE_KINDS = frozenset(rtde.PacketType)
 LEAST_DATA = 4
-"""Packets of data of one size that identify a stream of RTDE without its beginning."""
+"""Data packets of one size that identify an RTDE stream without its beginning."""
 REPORTED = frozenset(
     each.name
     for each in (
@@ -62,11 +62,11 @@ REPORTED = frozenset(
         MessageType.MOTO_JOINT_FEEDBACK_EX,
     )
 )
-"""Messages that a controller sends unasked."""
+"""Unsolicited messages of a controller."""
 
 
 class _SimpleMessages(Conversation):
-    """Simple messages, cut by the prefix in the flow's byte order."""
+    """Simple messages, split by the prefix in the flow's byte order."""
 
     head_bytes = PREFIX_BYTES
 
@@ -137,7 +137,7 @@ class SimpleMessage(StreamDissector):
             answers = comm_type == CommType.SERVICE_REPLY.name
             tells = comm_type == CommType.TOPIC.name and kind in REPORTED
             from_device = message.where.startswith(f"{end} >")
-            # A ping is answered by itself.
+            # A ping is answered by a ping.
             if from_device != (answers or tells) and kind != MessageType.PING.name:
                 return ""
         return f"the controller at {end}"
@@ -158,7 +158,7 @@ class SimpleMessage(StreamDissector):
 
 
 class _RtdePackets(Conversation):
-    """Cut by the size. Data packets are read by the recipe that was agreed on."""
+    """RTDE packets, split by their size. Data packets are decoded by the agreed recipe."""
 
     head_bytes = 3
 
@@ -224,7 +224,7 @@ class _RtdePackets(Conversation):
         values = recipe.unpack(data.values)
         if values is None:
             return Decoded(None, "RTDE", "values that are not of their recipe's types")
-        # The controller's clock tells which packages it left out.
+        # The controller's clock shows the missing packages.
         time_s, sequence = values.get("timestamp"), None
         if isinstance(time_s, float) and abs(time_s) < LARGEST_TIME_S:
             sequence = round(1e3 * time_s) % 2**32
@@ -232,7 +232,7 @@ class _RtdePackets(Conversation):
 
 
 def _refused(names: Sequence[str], types: Sequence[str]) -> list[str]:
-    """Variables that the controller gives no type."""
+    """Return the variables that the controller gives no type."""
     return [f"{n} {t}" for n, t in zip(names, types, strict=True) if t not in rtde.TYPES]
 
 
@@ -272,7 +272,7 @@ class Rtde(StreamDissector):
 
 
 def subcode_name(result: int, subcode: int) -> str:
-    """The name of a reply's subcode, which depends on its result.
+    """Return the name of a reply's subcode, which depends on its result.
 
     CHECK_MOTION_READY answers FALSE with a NOT_READY subcode, so both tables count there.
     """

@@ -135,7 +135,7 @@ class Ack(NamedTuple):
     """The answer to a request. It does not say to which."""
 
     state: int
-    """A `State`; others are errors, too."""
+    """A `State`; other values report an error, too."""
     full_scales: tuple[int, int, int] | None = None
     """Full scales, in answers to the two queries only: x, y, z in N or 0.1 N·m."""
 

@@ -1,8 +1,8 @@
 """Latency of frames, by the service's own stamps, whose clock has an epoch of its own.
 
 A network or a reader that cannot keep up delivers every frame, in order and at an even pace, but
-seconds late; only the stamps show that. The smallest difference ever between arrival and stamp is
-taken for that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay
+seconds late; only the stamps show that. The smallest difference ever between arrival and stamp
+counts as that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay
 of 1 s would have to last for a quarter of an hour to look like none.
 """
 
@@ -16,24 +16,24 @@ LARGEST_DRIFT = 1e-3
 """How much faster our clock may run than the service's: NTP alone slews a clock by 500 ppm."""
 
 BACK_S = 0.1
-"""Stamps that go back by more are of another clock: delays never turn stamps around."""
+"""Largest step back of stamps by the same clock: delays never reverse stamps."""
 
 
 class Lag:
-    """The delay of frames. Times are monotonic, s."""
+    """Delay of frames. Times are monotonic, s."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """The next frame's clock is not known."""
+        """Restart: the next frame's clock is unknown."""
         self._least_s = math.inf
         """Difference between our clock and the stamp of a frame without delay."""
         self._stamp_s = -math.inf
         self._arrival_s = NEVER_S
 
     def is_another_clock(self, timestamp_us: int) -> bool:
-        """Whether a frame of this stamp, newer than the one before, is of another clock."""
+        """True if a frame of this stamp, newer than the previous one, is of another clock."""
         return timestamp_us * 1e-6 < self._stamp_s - BACK_S
 
     def update(self, timestamp_us: int, now_s: float) -> float:

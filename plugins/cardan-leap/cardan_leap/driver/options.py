@@ -10,7 +10,8 @@ from cardan.common.options import Options
 from cardan_leap.protocol import PORT
 
 HIGHEST_VERSION = 7
-"""Some bridges of newer tracking software offer one more version of the same frames."""
+"""Protocol versions; some bridges of newer tracking software offer one more, with the same
+frames."""
 
 VERSION = bounds.Range(1, HIGHEST_VERSION, "", "there are no later frames of this form")
 MIN_VISIBLE_S = bounds.Range(0.0, 10.0, "s", "an operator who waits longer takes it for broken")
@@ -25,11 +26,11 @@ class LeapOptions(Options):
     """Options of :class:`Leap`. Raises OptionError for a value that is not allowed."""
 
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
-    """Where the tracking service runs."""
+    """Host of the tracking service."""
     port: Annotated[int, bounds.PORT] = PORT
     """Its WebSocket port."""
     version: Annotated[int, VERSION] = 6
-    """Protocol version to ask for, 1 to 7; a service that does not know it is asked for less."""
+    """Protocol version to request, 1 to 7; lower ones are tried if the service does not know it."""
     hand: Literal["first", "left", "right"] = "first"
     """The hand that counts; first: the hand that has been in view longest."""
     clutch: Literal["still", "open", "grab", "pinch"] = "still"
@@ -46,6 +47,6 @@ class LeapOptions(Options):
     max_speed_m_s: Annotated[float, bounds.HAND_SPEED_M_S] = 1.5
     """The pose follows the hand no faster than this, m/s."""
     optimize_hmd: bool = False
-    """The tracker is worn on the forehead, looking forward."""
+    """True: the tracker is worn on the forehead, looking forward."""
     wait_for_device: bool = False
     """open() succeeds without the service, which is picked up once it runs."""

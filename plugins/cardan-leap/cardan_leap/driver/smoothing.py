@@ -23,20 +23,20 @@ from cardan.spatial import (
 from cardan.types import ZERO3, Pose, Vector3
 
 SPEED_CUTOFF_HZ = 1.0
-"""Cut-off of the low-pass filter on the speed that sets the pose's cut-off."""
+"""Cut-off of the low-pass filter on the speed, which determines the pose's cut-off, Hz."""
 
 HAND_LENGTH_M = 0.1
-"""Turns rad/s into the m/s of the fingertips, so that one rise serves both filters."""
+"""Lever that converts rad/s to the m/s of the fingertips, so that one gain serves both filters."""
 
 SHORTEST_STEP_S = 1e-5
-"""Poses that come within less of each other give no speed: the later one is left out."""
+"""Shortest time between two poses that gives a speed; a pose that comes sooner is left out."""
 
 MAX_TURN_RAD_S = 12.0
-"""A hand does not turn faster."""
+"""Fastest plausible rotation of a hand."""
 
 
 class PoseFilter:
-    """Smooths the poses of one hand; `reset` for another one."""
+    """Filter for the poses of one hand; `reset` for another one."""
 
     def __init__(self, cutoff_hz: float, cutoff_rise_1_m: float, max_speed_m_s: float) -> None:
         self._cutoff_hz = cutoff_hz
@@ -45,14 +45,15 @@ class PoseFilter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the hand."""
+        """Discard the hand's history."""
         self._raw: Pose | None = None
         self._smooth: Pose | None = None
         self._velocity = ZERO3
         self._turn = ZERO3
 
     def __call__(self, raw: Pose, dt_s: float) -> Pose:
-        """The pose after `raw`, measured `dt_s` after the one before; the first passes as it is."""
+        """Filter a pose `raw`, measured `dt_s` after the previous one; the first passes
+        unchanged."""
         last_raw, smooth = self._raw, self._smooth
         if last_raw is None or smooth is None:
             self._raw = self._smooth = raw

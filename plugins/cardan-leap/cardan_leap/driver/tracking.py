@@ -1,4 +1,4 @@
-"""Which of the hands in view is the operator's, where it is, and whether it holds the clutch."""
+"""Selection of the operator's hand among those in view, its pose, and its clutch."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ COUNTERS: Mapping[str, str] = MappingProxyType(
 
 
 class HandTracker:
-    """Tracker of a hand by its id, from when it is chosen until it is lost.
+    """Tracker of a hand by its id, from its selection to its loss.
 
-    Nothing carries over from one hand to the next: a new id has to engage the clutch anew. Times
-    are the local monotonic ones of reception, s. Faults are counted in `counts`.
+    Nothing carries over to the next hand: a new id must engage the clutch again. Times are the
+    local monotonic ones of reception, s. Faults are counted in `counts`.
     """
 
     def __init__(self, options: LeapOptions, counts: Counter[str]) -> None:
@@ -60,9 +60,9 @@ class HandTracker:
         self._filter = PoseFilter(options.cutoff_hz, options.cutoff_rise_1_m, options.max_speed_m_s)
         self._counts = counts
         self.hint = ""
-        """Why no hand in view counts; empty when one does or none is there."""
+        """Reason why no hand in view counts; empty when one does or none is in view."""
         self.at_rest = False
-        """Whether the newest frame shows no hand that could hold the clutch by staying as it is."""
+        """True if the newest frame shows no hand that could hold the clutch by staying as it is."""
         self._seen: dict[int, float] = {}
         self._forget()
 
@@ -72,7 +72,7 @@ class HandTracker:
         self.pose: Pose | None = None
         """Pose of that hand, smoothed: operator's axes, m."""
         self.engaged = False
-        """Whether that hand holds the clutch."""
+        """True if that hand holds the clutch."""
         self.grabbing = False
         self.pinching = False
         self._armed = False
@@ -83,14 +83,14 @@ class HandTracker:
         self._filter.reset()
 
     def drop(self) -> None:
-        """Forget every hand: the frames cannot be trusted."""
+        """Discard every hand: the frames cannot be trusted."""
         self._forget()
         self._seen.clear()
         self.at_rest = False
         self.hint = ""
 
     def watch(self, now_s: float) -> bool:
-        """Lose the hand when it was not measured for too long; True when that is so."""
+        """Lose the hand if it was not measured for too long; return True then."""
         if self.id is None or now_s - self._measured_s <= LOST_AFTER_S:
             return False
         self._counts["hands_lost"] += 1
@@ -98,12 +98,12 @@ class HandTracker:
         return True
 
     def on_frame(self, frame: TrackingFrame, now_s: float, dt_s: float, may_engage: bool) -> None:
-        """Take a frame that came `dt_s` after the one before."""
+        """Process a frame that came `dt_s` after the previous one."""
         self._counts["unreadable"] += frame.unreadable_hands
         self.watch(now_s)
         self.hint = ""
         followed: Hand | None = None
-        """The hand that this frame measures, if it does."""
+        """The hand in this frame, if it was measured."""
         if self.id is not None:
             newest = next((hand for hand in frame.hands if hand.id == self.id), None)
             if newest is not None and self._is_meant(newest):
@@ -120,20 +120,20 @@ class HandTracker:
                 self._take(followed, self._lock(followed, now_s), now_s, dt_s, may_engage)
         self.at_rest = self._is_at_rest(frame, followed)
 
-    # -- which hand ----------------------------------------------------------------------------
+    # -- selection of the hand -------------------------------------------------------------------
 
     def _is_meant(self, hand: Hand) -> bool:
         return self._options.hand in ("first", hand.type)
 
     def _remember(self, frame: TrackingFrame, now_s: float) -> None:
-        """Keep since when each hand has been in view."""
+        """Record since when each hand has been in view."""
         if not frame.hands and not self._seen:
             return
         before = self._seen
         self._seen = {hand.id: before.get(hand.id, now_s) for hand in frame.hands}
 
     def _choose(self, frame: TrackingFrame, now_s: float) -> Hand | None:
-        """The hand to follow from now on."""
+        """Select the hand to follow from now on."""
         best: Hand | None = None
         best_key = (math.inf, 0)
         options = self._options
@@ -164,10 +164,10 @@ class HandTracker:
         self._place_s = now_s
         return Pose(self._place, orientation)
 
-    # -- where it is ---------------------------------------------------------------------------
+    # -- pose -----------------------------------------------------------------------------------
 
     def _measure(self, hand: Hand, now_s: float) -> Pose | None:
-        """The hand's pose; None where it is implausible."""
+        """Return the hand's pose; None if it is implausible."""
         if hand.confidence is not None and hand.confidence < self._options.min_confidence:
             self._counts["unsure"] += 1
             self.hint = f"the hand is seen with a confidence of only {hand.confidence:.2f}"
@@ -198,7 +198,7 @@ class HandTracker:
         self.pinching = _holds(pinch, self.pinching) and (self.pinching or not self.grabbing)
         self._clutch(grab, pinch, now_s, may_engage)
 
-    # -- the clutch ----------------------------------------------------------------------------
+    # -- clutch ---------------------------------------------------------------------------------
 
     def _clutch(
         self, grab: float | None, pinch: float | None, now_s: float, may_engage: bool

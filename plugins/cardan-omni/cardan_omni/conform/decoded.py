@@ -20,7 +20,7 @@ class Answer(NamedTuple):
     errors: tuple[int, ...]
     """Codes, newest first."""
     devices: tuple[int, ...]
-    """The handle of each."""
+    """Device handle of each code."""
 
 
 class Tick(NamedTuple):

@@ -1,5 +1,5 @@
-"""Core of the driver of serial devices: reports as of a HID device that reports each 33 to 60 ms
-while deflected, and notices of the connection."""
+"""Core of the driver of serial devices: reports in the form of a HID device that reports each 33 to
+60 ms while deflected, and notices of the connection."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cardan_serial_mice.driver.notices import Doubt, Lapse, Notice
 
 
 class SerialMouseCore(SpaceMouseCore):
-    """The state of one serial device; see :mod:`cardan.drivers.spacemouse.core` for the rules."""
+    """State of one serial device; see :mod:`cardan.drivers.spacemouse.core` for the rules."""
 
     def on_notice(self, notice: Notice, now_s: float) -> None:
-        """Take a notice about the device's connection, at `now_s`."""
+        """Handle a notice about the device's connection, at `now_s`."""
         if isinstance(notice, Lapse):
             self.on_lost(notice.reason, now_s)
         elif not isinstance(notice, Doubt):

@@ -1,4 +1,4 @@
-"""The driver of serial devices: a thread that talks to the device and feeds the core."""
+"""Driver of serial devices: a thread that communicates with the device and feeds the core."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from cardan_serial_mice.driver.session import device_model
 from cardan_serial_mice.protocol import serial_model_by_key
 
 READ_TIMEOUT_S = 0.05
-"""Longest wait for a report; the reader looks whether it is to end in between."""
+"""Longest wait for a report; the reader checks in between whether it must end."""
 
 MAX_DRAINED = 64
-"""Most reports processed in a row; then other threads can read the state."""
+"""Most reports processed in a row, before other threads can read the state."""
 
 
 class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
     """A Magellan, Spaceball or SpaceOrb at a serial port as an operator device.
 
     Its axes are LIVE only after the cap was seen at rest. After unplugging it is reopened
-    automatically. Serial ports cannot be probed without disturbing the devices there, so it is not
-    discovered: `path` must name its port.
+    automatically. A probe of a serial port would disturb other devices; thus there is no discovery,
+    and `path` must name the port.
     """
 
     Options: ClassVar[type[SpaceMouseSerialOptions]] = SpaceMouseSerialOptions
@@ -54,7 +54,7 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
         self._link: SerialLink | None = None
 
     def open(self) -> None:
-        """Open the device and start to read it: up to some seconds, until it has answered.
+        """Open the device and start the reader; takes up to some seconds, until it has answered.
 
         Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
         """
@@ -62,7 +62,7 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of the device. No buttons listed: unknown, as the model is."""
+        """Capabilities of the device. An empty list of buttons means an unknown model."""
         with self._lock:
             labels = self._core.labels
         return DeviceCapabilities(
@@ -71,7 +71,7 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
 
     @property
     def model(self) -> Model | None:
-        """The model that is open, was open last, or is set by the options; None: not known."""
+        """Open or last opened model, or that of the options; None: unknown."""
         return self._model
 
     def rezero(self) -> None:

@@ -1,7 +1,7 @@
-"""Plausibility check for motion without checksums: no wrong bit is to become a deflection.
+"""Plausibility check for motion without checksums: a bit error must not become a deflection.
 
-A packet farther out than a hand moves the cap in one period is held until the next packet, which
-confirms it if it is near. Towards rest every packet counts at once.
+A packet beyond a hand's travel in one period is held until the next packet, which confirms it if it
+is near. Packets towards rest count at once.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ REST: Counts = (0, 0, 0, 0, 0, 0)
 
 
 class Verdict(NamedTuple):
-    """The verdict on a packet."""
+    """Result of the check of a packet."""
 
     counts: Counts | None
-    """The deflection that counts now; None: none that is new."""
+    """Deflection that counts now; None: no new one."""
     garbled: bool
-    """The packet, or the one held before it, was found to be wrong."""
+    """The packet, or the held one before it, was found to be wrong."""
 
 
 class JumpGuard:
     """Plausibility check of the motion packets of a device, in their order.
 
-    The newest packet counts, or the one before while the newest waits: never an older one.
-    `step` is how far the cap gets from one packet to the next, counts of each axis.
+    The newest packet counts, or the one before while the newest waits: never an older one. `step`:
+    largest travel of the cap from one packet to the next, counts of each axis.
     """
 
     def __init__(self, step: float) -> None:
@@ -37,28 +37,28 @@ class JumpGuard:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: the cap is at rest, or nothing is known of it."""
+        """Reset: the cap is at rest, or in an unknown position."""
         self._last = REST
         """Counts of the packet that counts."""
         self._before_fall: Counts | None = None
-        """The packet before `_last`, where `_last` is much less: that may be a bit error."""
+        """Packet before `_last`, if `_last` is much smaller: that may be a bit error."""
         self._waiting: Counts | None = None
-        """The newest packet, when the next has to confirm it."""
+        """Newest packet, if the next has to confirm it."""
         self._missed = False
-        """There was an unusable packet since `_last`."""
+        """True if an unusable packet followed `_last`."""
 
     def miss(self) -> None:
-        """A packet could not be read: the cap may be a step further."""
+        """Record an unreadable packet: the cap may be a step further."""
         self._missed = True
 
     def refuse(self) -> Counts | None:
-        """Drop an impossible packet; returns what counts for this period; None: nothing new."""
+        """Drop an impossible packet; return the deflection of this period; None: nothing new."""
         held = None if self._missed or self._waiting is not None else self._held()
         self._missed = True
         return held
 
     def judge(self, counts: Counts) -> Verdict:
-        """Take a packet of six axes."""
+        """Check a packet of six axes."""
         waiting = self._waiting
         if not any(counts):
             self.reset()
@@ -81,7 +81,7 @@ class JumpGuard:
         return Verdict(None, True)
 
     def _held(self) -> Counts | None:
-        """`_last` once more, but never a rest, which only the device can report."""
+        """Return `_last` again, but never a rest, which only the device can report."""
         return self._last if any(self._last) else None
 
     def _take(self, counts: Counts, waiting: Counts | None, garbled: bool) -> Verdict:
@@ -92,7 +92,7 @@ class JumpGuard:
 
 
 def _within(counts: Counts, reference: Counts, reach: float) -> bool:
-    """Whether each axis is at most `reach` outside of what lies between 0 and `reference`."""
+    """Return True if each axis is at most `reach` outside of the range from 0 to `reference`."""
     for count, limit in zip(counts, reference, strict=True):
         if limit < 0:
             if not limit - reach <= count <= reach:

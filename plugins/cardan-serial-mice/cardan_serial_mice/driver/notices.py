@@ -1,4 +1,4 @@
-"""Changes of a serial device's condition, beside its reports."""
+"""Changes of a serial device's condition, in addition to its reports."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from cardan.protocols.connexion.devices import Model
 
 
 class Doubt(NamedTuple):
-    """The known state of cap and buttons is void; the device is still there."""
+    """The known state of cap and buttons is invalid; the device is still present."""
 
     reason: str
-    """The reason, and the operator's remedy."""
+    """Reason, and the operator's remedy."""
 
 
 class Lapse(NamedTuple):
-    """The device started anew by itself, and is being given its settings again."""
+    """The device restarted by itself, and is getting its settings again."""
 
     reason: str
 
 
 class Restart(NamedTuple):
-    """The device was started again and has its settings."""
+    """The device was restarted and has its settings."""
 
     model: Model
     period_s: float

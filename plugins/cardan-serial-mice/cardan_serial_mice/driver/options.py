@@ -18,9 +18,9 @@ class SpaceMouseSerialOptions(MouseOptions):
     """Options of :class:`SpaceMouseSerial`. Raises OptionError for a value that is not allowed."""
 
     path: Annotated[str, bounds.MEETING] = "/dev/ttyUSB0"
-    """The serial port."""
+    """Path of the serial port."""
     model: str = ""
-    """Key of the model that is there ("spaceball-4000"). Empty: whatever answers."""
+    """Key of the device's model ("spaceball-4000"). Empty: any that answers."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

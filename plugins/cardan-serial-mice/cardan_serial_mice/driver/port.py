@@ -1,4 +1,4 @@
-"""An open serial port with a device at it."""
+"""Open serial port with a device."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cardan_serial_mice.protocol import SerialModel
 
 BAUD = 9600
 STOP_BITS = 2
-"""Suits devices of one stop bit, too."""
+"""Also suits devices of one stop bit."""
 
 Reading = InputReport | Notice
 """A report, or a change of the device's condition."""
 
 
 class SerialLink:
-    """An open serial port and the conversation with the device there."""
+    """Open serial port with the session of its device."""
 
     model: Model
     """Model that has answered."""
@@ -40,8 +40,8 @@ class SerialLink:
     def open(cls, path: str, model: SerialModel | None, stopping: Callable[[], bool]) -> SerialLink:
         """Open the port, identify the device (`model` None: any that answers) and start it.
 
-        That takes up to some seconds; `stopping` is polled meanwhile. Raises DeviceAccessError or
-        DeviceNotFoundError that says what to do.
+        It takes up to some seconds; `stopping` is polled meanwhile. Raises DeviceAccessError or
+        DeviceNotFoundError with instructions.
         """
         port = SerialPort(path, BAUD, stop_bits=STOP_BITS)
         link = cls(port, SerialSession(model, time.monotonic()))
@@ -56,12 +56,12 @@ class SerialLink:
         return link
 
     def _start(self, stopping: Callable[[], bool]) -> None:
-        """Identify the device and start it. Raises OSError when nothing answers."""
+        """Identify the device and start it. Raises OSError if no device answers."""
         session = self._session
         while not session.running:
             self._converse(WAIT_S)
             if not session.running:
-                self._waiting.clear()  # from before it had its settings
+                self._waiting.clear()  # Sent before it had its settings.
             if stopping():
                 raise OSError(errno.EINTR, "closed while the device was being started")
         assert session.model is not None
@@ -76,11 +76,11 @@ class SerialLink:
         return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
-        """Close the port, which takes the device's power. Never raises."""
+        """Close the port, which cuts the device's power. Never raises."""
         self._port.close()
 
     def _converse(self, timeout_s: float) -> None:
-        """Send due bytes and receive; with a `timeout_s` of 0 only bytes already there.
+        """Send due bytes and receive; with a `timeout_s` of 0 only bytes already received.
 
         Raises OSError.
         """
@@ -90,7 +90,7 @@ class SerialLink:
         data = self._port.read(wait=timeout_s > 0.0)
         now_s = time.monotonic()
         reports = session.receive(data, now_s) if data else ()
-        # A lapse comes first: what was reported before it is gone.
+        # A lapse comes first: it invalidates earlier reports.
         self._waiting.extend(session.notices(now_s))
         self._waiting.extend(reports)
         if reason := session.failure(now_s):

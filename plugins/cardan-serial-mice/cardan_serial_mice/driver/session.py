@@ -1,10 +1,10 @@
 """Session with a serial device: identifies its model, starts it, and watches the connection.
 
-Without any I/O and in the caller's time: bytes in, bytes and reports out. Reports are those of a
-HID device: `MotionReport` and `ButtonBits`, in the raw frame of the HID devices.
+Sans-I/O in the caller's time: bytes in, bytes and reports out. Reports are those of a HID device:
+`MotionReport` and `ButtonBits`, in the raw frame of the HID devices.
 
-Motion is repeated, so the next packet replaces a lost one. A change of the keys is sent once: while
-a key is down, and after every unreadable packet, the device is asked for them.
+Motion is repeated: the next packet replaces a lost one. A change of the keys is sent once: while a
+key is down, and after every unreadable packet, the session requests them.
 
 Packets of a Spaceball carry no check: impossible motion is refused, and implausible motion is
 held until the packet after it (`jumps`).
@@ -54,30 +54,31 @@ from cardan_serial_mice.protocol import (
 )
 
 DETECT_TIMEOUT_S = 3.0
-"""A device that was just given power takes a second to start, and some are asked twice."""
+"""A device that was just powered takes a second to start, and some need a second request."""
 ANSWER_TIMEOUT_S = 0.25
-"""Wait for the answer to a command; a device that does not know it may send none."""
+"""Wait for the answer to a command; an unknown one may get none."""
 FIRMWARE_TIMEOUT_S = 0.4
-"""Wait for the line of a Spaceball's banner that tells its firmware."""
+"""Wait for the firmware line of a Spaceball's banner."""
 QUIET_S = 0.5
-"""Silence after which a Magellan or Spaceball is asked for its keys."""
+"""Silence after which the keys of a Magellan or Spaceball are requested."""
 ASK_AFTER_S = 0.12
-"""Period of that question while a key is down, whatever else is received."""
+"""Period of that request while a key is down, independent of other packets."""
 KEYS_TIMEOUT_S = 0.15
-"""A key whose device does not answer in this time counts as released."""
+"""A key counts as released if its device does not answer within this time."""
 PAUSE_S = 0.05
-"""Between two questions: a Magellan takes no more than five bytes in a row."""
+"""Pause between two requests: a Magellan accepts no more than five bytes in a row."""
 REST_AFTER_PERIODS = 3.0
-"""Periods without motion after which a Spaceball that was deflected, and answers, is at rest: not
-all of them may report it."""
+"""Periods without motion after which a deflected Spaceball that answers counts as at rest: not all
+models may report it."""
 REST_ANSWERS = 2
-"""Answers in a row that show it, since the first may have been sent before."""
+"""Consecutive answers that confirm it, because the first may be older."""
 GONE_AFTER_S = 1.2
-"""Silence after which a Magellan or Spaceball, which was asked meanwhile, is gone."""
+"""Silence after which a Magellan or Spaceball counts as gone, in spite of requests."""
 ORB_GONE_AFTER_S = 2.5
 """The same for a SpaceOrb, which sends a packet each second by itself."""
 MOST_OF_FULL_SCALE = 3.0
-"""Largest value of a Spaceball's axis; 20000 counts, 2.5 full scales of translation, were seen."""
+"""Largest value of a Spaceball's axis; 20000 counts, 2.5 full scales of translation, were
+observed."""
 OUT_OF_RANGE = "beyond what the device can give"
 JUMPED = "far from those around them"
 
@@ -93,7 +94,7 @@ _PROBES = (
     (1.7, "magellan", _PROBE_MAGELLAN),
     (2.0, "spaceball", _PROBE_SPACEBALL),
 )
-"""When each kind is asked who it is. A SpaceOrb needs no question."""
+"""Times of the identity requests of each kind. A SpaceOrb needs none."""
 
 
 class _Kind(NamedTuple):
@@ -101,9 +102,9 @@ class _Kind(NamedTuple):
 
     reader: type[MagellanReader | SpaceballReader | OrbReader]
     start: tuple[bytes, ...] = ()
-    """Commands that start it, each sent after the answer to the one before."""
+    """Start commands, each sent after the answer to the previous one."""
     query: bytes = b""
-    """Asks for the keys; empty: there is no such question."""
+    """Request for the keys; empty: there is none."""
     gone_after_s: float = GONE_AFTER_S
 
 
@@ -137,7 +138,7 @@ _GREETING = "Version"
 
 
 def device_model(model: SerialModel) -> Model:
-    """`model` as the core takes it."""
+    """Return `model` in the form for the core."""
     return Model(
         vendor_id=0,
         product_id=0,
@@ -150,7 +151,7 @@ def device_model(model: SerialModel) -> Model:
 
 
 class SerialSession:
-    """Conversation with the device at a port that was just opened.
+    """Session with the device at a port that was just opened.
 
     `model` is the configured model; None: any that answers. Times are monotonic, s.
     """
@@ -182,24 +183,24 @@ class SerialSession:
         self._notices: list[Notice] = []
         self._orb_status = -1
         self._sent = b""
-        """The command that has not been answered yet."""
+        """Command without an answer so far."""
         self._versions_asked = 0
         self._compressed = False
-        """The device has said that its data are compressed from now on."""
+        """The device has confirmed that its data are compressed from now on."""
         self._lapsed = False
         """The device is being started again."""
         self._held = False
         """A key is down."""
         self._suspicious = False
-        """Something could not be read: it may have been a change of the keys."""
+        """Unreadable bytes may have been a change of the keys."""
         self._unanswered_s: float | None = None
-        """When it was asked for the keys, and has not told them since."""
+        """Time of the request for the keys that was not answered yet."""
         self._doubted = False
         self._mode_asked_s = now_s
         self._motion_s = now_s
         self._rests_owed = 0
         self._jumps = JumpGuard(math.inf)
-        """Plausibility check of a Spaceball's motion, with its limits once the model is known."""
+        """Plausibility check of a Spaceball's motion, with limits once the model is known."""
         self._take: dict[str, Callable[[object, SerialModel, float], None]] = {
             "magellan": self._on_magellan,
             "spaceball": self._on_spaceball,
@@ -209,7 +210,7 @@ class SerialSession:
     # -- what happens --------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float) -> list[InputReport]:
-        """Take bytes of the device; return its reports. Never raises."""
+        """Handle bytes of the device; return its reports. Never raises."""
         reports: list[InputReport] = []
         self._reports = reports
         model = self.model
@@ -247,7 +248,7 @@ class SerialSession:
     def send(self, now_s: float) -> bytes:
         """Return the bytes to send to the device now."""
         if self.model is None:
-            # A device that has begun its banner must not be reset in the middle of it.
+            # A device that has begun its banner must not be reset during it.
             while self._probes and self._probes[0][0] <= now_s and self._banner_s is None:
                 _, words = self._probes.popleft()
                 self._versions_asked += words == _PROBE_MAGELLAN
@@ -257,7 +258,7 @@ class SerialSession:
         if self.model is not None:
             if not self.running and now_s >= self._answer_by_s:
                 self._next_command(now_s)
-                self._suspicious = True  # the last command is the question for the keys
+                self._suspicious = True  # The last command is the request for the keys.
             elif self.running:
                 self._ask(self.model, now_s)
         words = bytes(self._to_send)
@@ -265,7 +266,7 @@ class SerialSession:
         return words
 
     def failure(self, now_s: float) -> str:
-        """Why it is to be given up; empty: it is not."""
+        """Return why the device must be given up; empty: no reason."""
         if self.model is None:
             if now_s - self._began_s < DETECT_TIMEOUT_S:
                 return ""
@@ -286,7 +287,7 @@ class SerialSession:
                     return
 
     def _recognized(self, value: object, now_s: float) -> SerialModel | None:
-        """The model that says `value`; None: more is needed."""
+        """Return the model that sends `value`; None: more is needed."""
         if isinstance(value, MagellanVersion):
             self._versions_asked -= 1
             return model_of_version(value.text)
@@ -330,7 +331,7 @@ class SerialSession:
             self._notices.append(Restart(device_model(self.model), self.model.period_s))
 
     def _lapse(self, model: SerialModel, now_s: float) -> None:
-        """Handle a restart of the device: it has its own settings, and takes the cap's present
+        """Handle a restart of the device: it has default settings, and takes the cap's present
         position for rest."""
         if self.running:
             self._lapsed = True
@@ -349,7 +350,7 @@ class SerialSession:
     # -- asking a device that runs ---------------------------------------------------------------
 
     def _ask(self, model: SerialModel, now_s: float) -> None:
-        """Ask for the keys, or whether it still has its settings, when that is due."""
+        """Request the keys, or check that it still has its settings, when that is due."""
         since_s = now_s - self._asked_s
         keys = _KINDS[model.protocol].query
         if not keys or since_s < PAUSE_S:
@@ -374,7 +375,7 @@ class SerialSession:
         self._to_send += keys + b"\r"
 
     def _keys(self, mask: int, now_s: float) -> None:
-        """Take the device's report of pressed keys."""
+        """Handle the device's report of pressed keys."""
         if self._rests_owed and self._unanswered_s is not None:
             assert self.model is not None
             if self._unanswered_s - self._motion_s >= _rest_after_s(self.model):
@@ -388,16 +389,16 @@ class SerialSession:
         self._report(ButtonBits(mask))
 
     def _on_error(self, now_s: float) -> None:
-        """The device has refused something, or it was noise."""
+        """Handle a refusal by the device, or noise."""
         if self.running:
             self._suspicious = True
         else:
             self._next_command(now_s)
 
     def _is_answer(self, letter: bytes, now_s: float) -> bool:
-        """Whether a packet of `letter` answers the last command, which is then done."""
+        """Return True if a packet of `letter` answers the last command, which is then done."""
         if self._sent[:1] != letter or (self.running and now_s - self._asked_s > QUIET_S):
-            # Noise, or keys that became another packet on the way; rarely the device's own will.
+            # Noise, or keys changed to another packet by it; rarely the device's own action.
             self._suspicious = True
             return False
         self._sent = b""
@@ -427,7 +428,7 @@ class SerialSession:
                 self._on_echo(value.command, model, now_s)
         elif isinstance(value, MagellanError):
             if self._sent == magellan.QUERY_EXTENDED:
-                self._mode_asked_s = math.inf  # it does not know that question
+                self._mode_asked_s = math.inf  # It does not know that request.
             self._on_error(now_s)
         elif isinstance(value, MagellanVersion):
             self._suspicious = True
@@ -437,7 +438,7 @@ class SerialSession:
                     self._lapse(model, now_s)
 
     def _on_echo(self, command: bytes, model: SerialModel, now_s: float) -> None:
-        """The answer to the last command."""
+        """Handle the answer to the last command."""
         if not self.running:
             self._next_command(now_s)
         elif len(command) != 3 or command[2] not in magellan.ALPHABET:
@@ -449,19 +450,19 @@ class SerialSession:
 
     def _on_spaceball(self, value: object, model: SerialModel, now_s: float) -> None:
         if not isinstance(value, (SpaceballMotion, SpaceballKeys, SpaceballAdvancedKeys)):
-            self._jumps.miss()  # it may have been motion
+            self._jumps.miss()  # It may have been motion.
         if isinstance(value, Malformed):
             self._malformed(value, now_s)
         elif isinstance(value, SpaceballMotion):
             self._on_spaceball_motion(value, model, now_s)
         elif isinstance(value, SpaceballAdvancedKeys):
             if model.key == "spaceball-2003" and self._wanted is None:
-                # Firmware 2.42 is that of both.
+                # Firmware 2.42 exists in both.
                 self.model = model = serial_model_by_key("spaceball-4000")
             self._keys(button_mask(model, value), now_s)
             self._answered(now_s)
         elif isinstance(value, SpaceballKeys):
-            # Of a 4000 FLX they are only some of its keys.
+            # A 4000 FLX reports only some of its keys in them.
             if model.key != "spaceball-4000":
                 self._keys(button_mask(model, value), now_s)
                 may_be_4000 = model.key == "spaceball-2003" and self._wanted is None
@@ -510,12 +511,12 @@ class SerialSession:
 
     def _malformed(self, value: Malformed, now_s: float) -> None:
         self._suspicious = True
-        if self._rests_owed:  # it may have been motion
+        if self._rests_owed:  # It may have been motion.
             self._motion_s = now_s
         self._report(MalformedReport(value.reason, value.letter))
 
     def _report(self, value: InputReport) -> None:
-        if not self._lapsed:  # else it does not have its settings yet
+        if not self._lapsed:  # Otherwise it does not have its settings yet.
             self._reports.append(value)
 
 
@@ -524,12 +525,12 @@ def _rest_after_s(model: SerialModel) -> float:
 
 
 def _rates(value: SpaceballMotion, model: SerialModel) -> Counts | None:
-    """Displacements as those of the usual period, rotation in the counts of translation.
+    """Return displacements scaled to the usual period, rotation in the counts of translation.
 
-    None: more than the device can give.
+    None: beyond the device's range.
     """
     nominal = model.period_s / spaceball.PERIOD_UNIT_S
-    # The first packet after a rest tells the time since the one before that rest.
+    # The first packet after a rest has the time since the one before that rest.
     share = nominal / value.period if 0.4 * nominal <= value.period <= 2.1 * nominal else 1.0
     most = MOST_OF_FULL_SCALE * model.full_scale
     if max(map(abs, value[1:])) * share > most:

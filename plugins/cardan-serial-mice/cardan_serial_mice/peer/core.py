@@ -38,7 +38,7 @@ from cardan_serial_mice.protocol.spaceball import (
 from cardan_serial_mice.protocol.spaceorb import COUNT_MAX, COUNT_MIN, HEARTBEAT_S
 
 BOOT_S: Mapping[str, float] = {"magellan": 0.5, "spaceball": 0.5, "spaceorb": 1.0}
-"""From power to the first command that a device of each protocol hears."""
+"""Time from power to the first command that a device of each protocol receives."""
 SHORTEST_PERIOD_S = 0.058
 """Shortest period of a Magellan."""
 SPACEBALL_SHORTEST_PERIOD_S = 0.02
@@ -51,16 +51,16 @@ SPACEBALL_FIRMWARE = {
     "spaceball-3003": "2.63 created on 10-Nov-1994",
     "spaceball-4000": "2.43 created on 08-Apr-1998",
 }
-"""The numbers tell the models apart; the dates are made up."""
+"""The numbers distinguish the models; the dates are fictitious."""
 
 
 class SimulatedSerialPuck(ABC):
-    """A serial six-axis device: give it power, commands, deflections and buttons; it gives bytes.
+    """Bytes of a serial six-axis device for given power, commands, deflections and buttons.
 
-    Time is given in seconds from plugging in and moves in `reports` only. `faults` are values by
+    Time counts in seconds from plugging in and advances in `reports` only. `faults` are values by
     the names of `SERIAL_FAULTS`; `jitter_lsb` is the noise on every axis while deflected, counts.
-    The device has power while a host has its port open (RTS and DTR), and hears the first command
-    `boot_s` later; None: as long as one of its kind takes.
+    The device has power while a host has its port open (RTS and DTR), and receives the first
+    command `boot_s` later; None: the default of its kind.
     """
 
     def __init__(
@@ -81,10 +81,10 @@ class SimulatedSerialPuck(ABC):
         """Commands that are invalid for the device."""
         self.beeps = 0
         self.faults_from_s = 0.0
-        """The times of faults count from here; inf: they do not come yet."""
+        """Zero of the faults' times; inf: not yet."""
         self.host_began = False
-        """A host has asked for the keys or for motion. True of a device that has started and waits
-        for no host, or hears none."""
+        """True once a host has requested the keys or motion, or for a started device that needs no
+        host, or receives nothing."""
         self._line = SerialLine(faults, model, seed)
         self._commands = CommandReader()
         self._jitter_lsb = jitter_lsb
@@ -105,7 +105,7 @@ class SimulatedSerialPuck(ABC):
         self._silenced = False
         self._now_s = 0.0
         self._ready_s = math.inf
-        """When it has started; inf without power."""
+        """Time at which it has started; inf without power."""
         self._started = False
         self._skipped_s = 0.0
         self._zero: Sequence[int] = (0,) * 6
@@ -124,14 +124,14 @@ class SimulatedSerialPuck(ABC):
         self.axes = (x, y, z, rx, ry, rz)
 
     def press(self, label: str) -> None:
-        """Press a button; ScriptError when the model has none of that label."""
+        """Press a button. Raises ScriptError if the model has no such label."""
         bit = self._bit(label)
         if bit not in self._down:
             self._down[bit] = None
             self._keys_changed(bit)
 
     def release(self, label: str) -> None:
-        """Let a button go; ScriptError when the model has none of that label."""
+        """Release a button. Raises ScriptError if the model has no such label."""
         bit = self._bit(label)
         if bit in self._down and not (self._stuck and bit == min(self._bits.values())):
             del self._down[bit]
@@ -152,11 +152,11 @@ class SimulatedSerialPuck(ABC):
         self.plugged = True
 
     def silence(self) -> None:
-        """Neither send nor hear anything, as with the cable pulled out of the port."""
+        """Neither send nor receive, as with the cable unplugged from the port."""
         self._silenced = True
 
     def resume(self) -> None:
-        """Send and hear again."""
+        """Resume sending and receiving."""
         self._silenced = False
 
     @property
@@ -167,7 +167,7 @@ class SimulatedSerialPuck(ABC):
     # -- the host ------------------------------------------------------------------------------
 
     def power(self, on: bool) -> None:
-        """The host raised RTS and DTR by opening the port, or dropped them by closing it."""
+        """Set RTS and DTR, which the host raises by opening the port and drops by closing it."""
         self.powered = on
         self._line.cut_at(self._now_s)
         self._commands.reset()
@@ -176,7 +176,7 @@ class SimulatedSerialPuck(ABC):
         self._ready_s = self._now_s + self._boot_s if on else math.inf
 
     def receive(self, data: bytes) -> None:
-        """Take bytes of the host, as many or few at a time as they come."""
+        """Handle bytes of the host, in pieces of any size."""
         if self._now_s < self._ready_s or self._deaf or self._silenced:
             return
         for command in self._commands.feed(self._flow(data)):
@@ -184,7 +184,7 @@ class SimulatedSerialPuck(ABC):
 
     @property
     def next_due_s(self) -> float:
-        """Time at which `reports` has work next; inf while at rest."""
+        """Time of the next work of `reports`; inf while at rest."""
         due_s = min(self._line.next_due_s, self._next_fault_s)
         if not self._started:
             return min(due_s, self._ready_s)
@@ -194,7 +194,7 @@ class SimulatedSerialPuck(ABC):
         return due_s
 
     def reports(self, now_s: float) -> list[bytes]:
-        """The bytes that arrive at the host from the last call until `now_s`, as they come."""
+        """Return the bytes that arrive at the host from the last call until `now_s`, in pieces."""
         arrived: list[bytes] = []
         while (at_s := self._next_fault_s) <= now_s:
             _, name = self._plugging.pop(0)
@@ -210,7 +210,7 @@ class SimulatedSerialPuck(ABC):
         return arrived + self._line.arrived(now_s)
 
     def skip_to(self, now_s: float) -> None:
-        """Make no motion packets for the time before `now_s`, which was not simulated."""
+        """Skip the motion packets before `now_s`, which was not simulated."""
         while self._due_s + self._period_s <= now_s:
             self._due_s += self._period_s
 
@@ -218,7 +218,7 @@ class SimulatedSerialPuck(ABC):
 
     @abstractmethod
     def _start(self) -> None:
-        """Take the settings of power-up."""
+        """Apply the settings of power-up."""
 
     def _greet(self, at_s: float) -> None:  # noqa: B027
         """Send the model's greeting after the start; most have none."""
@@ -229,15 +229,15 @@ class SimulatedSerialPuck(ABC):
 
     @abstractmethod
     def _motion(self, counts: Sequence[int], at_s: float) -> bytes:
-        """A motion packet."""
+        """Encode a motion packet."""
 
     @abstractmethod
     def _keys(self) -> bytes:
-        """The packets of the buttons."""
+        """Encode the packets of the buttons."""
 
     @property
     def _reporting(self) -> bool:
-        """False while the device was told to send no motion."""
+        """False after a command that disables motion."""
         return True
 
     @property
@@ -246,7 +246,7 @@ class SimulatedSerialPuck(ABC):
 
     @property
     def _needs_host(self) -> bool:
-        """False: it reports without any command."""
+        """False if it reports without any command."""
         return True
 
     def _next_spontaneous_s(self) -> float:
@@ -254,10 +254,10 @@ class SimulatedSerialPuck(ABC):
         return math.inf
 
     def _spontaneous(self, at_s: float) -> None:  # noqa: B027
-        """Send it, where `_next_spontaneous_s` ever comes."""
+        """Send the spontaneous packet of `_next_spontaneous_s`."""
 
     def _flow(self, data: bytes) -> bytes:
-        """Act upon characters of flow control, and take them out."""
+        """Act upon characters of flow control, and return the other bytes."""
         return data
 
     # -- inside --------------------------------------------------------------------------------
@@ -290,7 +290,7 @@ class SimulatedSerialPuck(ABC):
         return [count + self._drift for count in counts]
 
     def _counts(self) -> Sequence[int]:
-        """Deflections as the device reports them, without noise."""
+        """Return the deflections in the device's counts, without noise."""
         null = self._null_counts
         return [
             count if abs(count) > null else 0
@@ -301,7 +301,7 @@ class SimulatedSerialPuck(ABC):
         self._zero = self._raw()
 
     def _boot_zero(self) -> None:
-        """Take the cap's position at a reset as rest; a drift only comes after it."""
+        """Take the cap's position at a reset as rest; a drift only follows it."""
         self._zero = [count - self._drift for count in self._raw()]
 
     def _say(self, packet: bytes, at_s: float) -> None:
@@ -337,7 +337,7 @@ class SimulatedSerialPuck(ABC):
             self._send_motion(max(self._due_s, self._now_s))
             self._due_s = max(self._due_s + self._period_s, self._line.free_s)
         if self._due_s <= until_s:
-            # At rest the device goes on measuring at its period.
+            # At rest the device continues to measure at its period.
             self._due_s += (
                 math.floor((until_s - self._due_s) / self._period_s) + 1
             ) * self._period_s
@@ -350,7 +350,7 @@ class SimulatedSerialPuck(ABC):
             noise = self._jitter_lsb
             counts = [c and c + self._random.randint(-noise, noise) for c in counts]
         self._owes_zero = deflected
-        if not self._commands.pending:  # a command without its end makes it mute
+        if not self._commands.pending:  # A command without an end silences it.
             self._line.carry_motion(self._motion(counts, at_s), at_s, rest=not deflected)
         if deflected and at_s >= self._silent_after_s + self.faults_from_s:
             self._silenced = True
@@ -385,7 +385,7 @@ class SimulatedMagellan(SimulatedSerialPuck):
         self._period_s = max(SHORTEST_PERIOD_S, 0.02 * (nibble + 1))
 
     def _obey(self, command: bytes) -> None:
-        if not command or command.startswith(b"@"):  # it takes no notice of a Spaceball's reset
+        if not command or command.startswith(b"@"):  # It ignores a Spaceball's reset.
             return
         letter, argument = command[:1], command[1:]
         values = [ALPHABET.find(byte) for byte in argument]
@@ -464,7 +464,7 @@ class SimulatedMagellan(SimulatedSerialPuck):
 
     def _keys_changed(self, bit: int) -> None:
         super()._keys_changed(bit)
-        pair = {"star", "8"}  # back to the defaults
+        pair = {"star", "8"}  # Back to the defaults.
         if self.model.buttons[bit] in pair <= set(self.held) and not self._quiet:
             self._null, self._sensitivity = 8, b"00"
             self._line.carry(b"nH\r", self._now_s)
@@ -476,7 +476,7 @@ class SimulatedSpaceball(SimulatedSerialPuck):
 
     def _start(self) -> None:
         self.sends_ball = False
-        """Whether an `M` command asked for motion."""
+        """True after an `M` command that enabled motion."""
         self._paused = False
         self._period_s = self.model.period_s
         self._zero = (0,) * 6
@@ -524,7 +524,7 @@ class SimulatedSpaceball(SimulatedSerialPuck):
             self._period_s = max(SPACEBALL_SHORTEST_PERIOD_S, period_s)
             self._answer(command + b"\r")
         elif letter == b"C" and command[1:2] == b"B":
-            # Hosts expect a third character, which no source names.
+            # Hosts expect a third character, which no source describes.
             self._answer(b"CB@\r")
         elif letter in (b"N", b"F", b"Y"):
             self._answer(command + b"\r")
@@ -561,7 +561,7 @@ class SimulatedSpaceball(SimulatedSerialPuck):
         share = self._period_s / self.model.period_s
         x, y, z, a, b, c = (
             min(0x7FFF, max(-0x8000, round(count * share))) for count in counts
-        )  # displacement, so more of it in a longer period
+        )  # Displacement, thus larger in a longer period.
         period = round(min(since_s / PERIOD_UNIT_S, LONGEST_PERIOD))
         return encode_spaceball_motion(SpaceballMotion(period, x, y, z, a, b, c))
 
@@ -570,13 +570,13 @@ class SimulatedSpaceball(SimulatedSerialPuck):
         keys = keys_of_mask(self.model, mask)
         if isinstance(keys, Keys):
             return encode_spaceball_keys(keys)
-        # A 4000 FLX says the first nine keys in the old way, too.
+        # A 4000 FLX reports the first nine keys in the old format too.
         old = Keys(mask >> 4 & 0x1F, mask & 0x0F)
         return encode_spaceball_keys(keys) + encode_spaceball_keys(old)
 
 
 class SimulatedSpaceOrb(SimulatedSerialPuck):
-    """A SpaceOrb 360. It sends a packet each second, so that a host can detect it."""
+    """A SpaceOrb 360. It sends a packet each second, by which a host can detect it."""
 
     def _start(self) -> None:
         self._period_s = self.model.period_s
@@ -635,7 +635,7 @@ class SimulatedSpaceOrb(SimulatedSerialPuck):
     def _keys(self) -> bytes:
         period = round((self._now_s - self._keys_s + HEARTBEAT_S) * 100.0) & 0x7F
         self._keys_s = self._now_s + HEARTBEAT_S
-        # A carriage return ends a packet that no other follows.
+        # A carriage return ends a packet without a successor.
         return encode_orb_keys(period, self._status) + b"\r"
 
     def _keys_changed(self, bit: int) -> None:
@@ -666,6 +666,6 @@ def simulated_serial_puck(
     seed: int = 0,
     boot_s: float | None = None,
 ) -> SimulatedSerialPuck:
-    """A simulated device of `model`; see :class:`SimulatedSerialPuck`."""
+    """Return a simulated device of `model`; see :class:`SimulatedSerialPuck`."""
     kind = _KINDS[model.protocol]
     return kind(model, faults=faults, jitter_lsb=jitter_lsb, seed=seed, boot_s=boot_s)

@@ -1,4 +1,4 @@
-"""The faults a simulated serial device can have, and the line that carries its bytes."""
+"""Faults of a simulated serial device, and the line that carries its bytes."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ SERIAL_FAULTS = (
 )
 
 _SHORTEST_KEYS = 4
-"""Bytes of the shortest packet of keys, with its CR. Some devices say two in a row."""
+"""Bytes of the shortest packet of keys, with its CR. Some devices send two in a row."""
 
 FIFO_BYTES = 14
 """A UART delivers received bytes in portions of this size, and the rest at a pause."""
 
 
 class SerialLine(DelayLine):
-    """The wire from the device to the host: bytes take their time, and some of them are mangled."""
+    """Wire from the device to the host: bytes take time, and some of them are corrupted."""
 
     def __init__(self, faults: Mapping[str, float], model: SerialModel, seed: int) -> None:
         check_faults(faults, SERIAL_FAULTS)
@@ -54,10 +54,10 @@ class SerialLine(DelayLine):
         self._keys = 0
         self._rests = 0
         self.free_s = 0.0
-        """When all that was taken has been sent: no motion is begun before."""
+        """Time at which all accepted bytes have been sent; no motion begins before."""
 
     def carry_motion(self, packet: bytes, sent_s: float, *, rest: bool) -> None:
-        """Take a motion packet; `rest`: it says that the cap is back at rest."""
+        """Carry a motion packet; `rest`: the cap is back at rest."""
         self._motions += 1
         if rest:
             self._rests += 1
@@ -72,7 +72,7 @@ class SerialLine(DelayLine):
         self.carry(packet, sent_s)
 
     def carry_keys(self, packet: bytes, sent_s: float) -> None:
-        """Take a packet about the device's keys, unasked or asked."""
+        """Carry a packet of the device's keys, spontaneous or requested."""
         self._keys += 1
         if self._strikes("key-lost", self._keys):
             return
@@ -85,7 +85,7 @@ class SerialLine(DelayLine):
         self.carry(packet, sent_s)
 
     def carry(self, packet: bytes, sent_s: float) -> None:
-        """Take any packet, ready to be sent at `sent_s`; it goes when the line is free."""
+        """Carry any packet, ready at `sent_s`; it is sent when the line is free."""
         start_s = max(sent_s, self.free_s)
         for begin in range(0, len(packet), FIFO_BYTES):
             portion = packet[begin : begin + FIFO_BYTES]
@@ -93,7 +93,7 @@ class SerialLine(DelayLine):
         self.free_s = start_s + len(packet) * self._byte_s
 
     def cut_at(self, now_s: float) -> None:
-        """Lose everything under way; the line is free again at `now_s`."""
+        """Drop everything under way; the line is free again at `now_s`."""
         self.cut()
         self.free_s = now_s
 
@@ -101,7 +101,8 @@ class SerialLine(DelayLine):
         return self._random.randbytes(self._random.randint(1, 12))
 
     def _with_a_wrong_bit(self, packet: bytes, size: int) -> bytes:
-        """`packet` with one wrong bit among its first `size` bytes, but their first and last."""
+        """Return `packet` with one wrong bit among its first `size` bytes, but their first and
+        last."""
         at = self._random.randrange(1, size - 1)
         wrong = packet[at] ^ 1 << self._random.randrange(7)
         return packet[:at] + bytes((wrong,)) + packet[at + 1 :]

@@ -16,7 +16,8 @@ from cardan_serial_mice.peer.core import SimulatedSerialPuck, simulated_serial_p
 from cardan_serial_mice.protocol import SERIAL_MODELS, serial_model_by_key
 
 SCRIPT_DELAY_S = 1.0
-"""From the host's start of the device to the script's: the host is to find the cap at rest."""
+"""Delay of the script after the host has started the device, to let the host find the cap at
+rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,15 +35,15 @@ class SerialPuckPeerOptions(PuckPeerOptions):
     )
     port: str = option("", "Its serial port: a link to a pseudo-terminal.", metavar="LINK")
     boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
-    """Start-up time: from power, which the open port gives, to the first command that it receives;
-    None: as long as one of its kind takes."""
+    """Start-up time: from power, which the open port supplies, to the first command that it
+    receives; None: the default of its kind."""
 
 
 class SerialPuckPeer(PuckPeer[SimulatedSerialPuck]):
     """A simulated serial device, moved by a script or by the keyboard.
 
-    Raises ConfigurationError without a port, OptionError for a model that does not exist,
-    ScriptError for a script or fault that does not exist or does not fit.
+    Raises ConfigurationError without a port, OptionError for an unknown model, ScriptError for an
+    unknown or unsuitable script or fault.
     """
 
     def __init__(self, options: SerialPuckPeerOptions) -> None:
@@ -77,6 +78,6 @@ class SerialPuckPeer(PuckPeer[SimulatedSerialPuck]):
         if self._waits and self.device.host_began:
             self._waits = False
             self.device.faults_from_s = self.device_s() + SCRIPT_DELAY_S
-            # Tests put a motion of their own in its place.
+            # Replaced in tests by their own motion.
             if isinstance(self.motion, ScriptedPuck):
                 self.motion.start(self.device.faults_from_s)

@@ -26,7 +26,7 @@ from cardan_serial_mice.protocol.values import (
 BAUD = 9600
 
 ALPHABET = b"0AB3D56GH9:K<MN?"
-"""The character of each nibble: its low four bits are the nibble."""
+"""Character of each nibble: its low four bits are the nibble."""
 
 MODE_3D = b"m3"
 """Translation and rotation, all axes."""
@@ -51,7 +51,7 @@ COMPRESSED_MIN, COMPRESSED_MAX = -2048, 2047
 
 
 class MagellanMotion(NamedTuple):
-    """`d`: deflections in counts; all zero once when the cap comes back to rest."""
+    """`d`: deflections in counts; all zero once when the cap returns to rest."""
 
     x: int
     y: int
@@ -62,13 +62,13 @@ class MagellanMotion(NamedTuple):
 
 
 class MagellanCompressedMotion(MagellanMotion):
-    """The same, from a `d` packet of the compressed mode."""
+    """The same values from a `d` packet of the compressed mode."""
 
     __slots__ = ()
 
 
 class MagellanKeys(NamedTuple):
-    """`k`: the keys now down; bits 0 to 7 keys 1 to 8, then `*`, `+`, `-` (or keys 9 on)."""
+    """`k`: pressed keys; bits 0 to 7 keys 1 to 8, then `*`, `+`, `-` (or keys 9 on)."""
 
     mask: int
 
@@ -80,7 +80,7 @@ class MagellanVersion(NamedTuple):
 
 
 class MagellanError(NamedTuple):
-    """`e`: the error about a command that the device did not understand."""
+    """`e`: error about a command that the device did not understand."""
 
     code: int
     """1: illegal command; 2: framing error."""
@@ -88,7 +88,7 @@ class MagellanError(NamedTuple):
 
 
 class MagellanEcho(NamedTuple):
-    """The answer to a command that sets something: the command, as a rule."""
+    """Answer to a command that sets something: usually the command itself."""
 
     command: bytes
 
@@ -100,7 +100,7 @@ MagellanPacket = (
 _ECHOES = b"mcnqpzbfl"
 _D, _K, _V, _E = b"dkve"
 _LETTERS_WITHIN_DATA = (b"d", b"k")
-"""Neither letter can be data: where one stands in a packet, another packet has begun."""
+"""Letters that cannot be data: one inside a packet begins another packet."""
 
 _HEX = bytes(
     b"0123456789ABCDEF"[ALPHABET.index(byte)] if byte in ALPHABET else ord("x")
@@ -113,7 +113,7 @@ _CODE = bytes(
     _CODE_EXCEPTIONS.get(value, value | (0x40 if value.bit_count() % 2 else 0x80))
     for value in range(64)
 )
-"""The character of each 6-bit value: its low six bits are the value."""
+"""Character of each 6-bit value: its low six bits are the value."""
 _NO_VALUE = 0xFF
 _UNCODE = bytes(_CODE.index(byte) if byte in _CODE else _NO_VALUE for byte in range(256))
 
@@ -153,7 +153,7 @@ def decode_magellan(packet: bytes) -> MagellanPacket:
 
 
 def encode_magellan_motion(counts: Sequence[int], *, compressed: bool = False) -> bytes:
-    """A `d` packet with its CR. Raises ValueError for counts that do not fit."""
+    """Encode a `d` packet with its CR. Raises ValueError for counts that do not fit."""
     if compressed:
         if not all(COMPRESSED_MIN <= count <= COMPRESSED_MAX for count in counts):
             raise ValueError(f"counts {tuple(counts)} are not all in -2048..2047")
@@ -168,7 +168,8 @@ def encode_magellan_motion(counts: Sequence[int], *, compressed: bool = False) -
 
 
 def encode_magellan_keys(mask: int, *, extended: bool) -> bytes:
-    """A `k` packet with its CR; `extended` tells of more than `*` beyond the eighth key."""
+    """Encode a `k` packet with its CR; `extended`: with the keys beyond the eighth other than
+    `*`."""
     nibbles = [mask & 15, mask >> 4 & 15, mask >> 8 & (15 if extended else 1)]
     if extended and mask >> 12:
         nibbles.append(mask >> 12 & 15)
@@ -176,7 +177,7 @@ def encode_magellan_keys(mask: int, *, extended: bool) -> bytes:
 
 
 class MagellanReader(LineReader[MagellanPacket]):
-    """Cuts a stream into packets and resynchronizes after noise. Never raises."""
+    """Splits a stream into packets and resynchronizes after noise. Never raises."""
 
     def _decode(self, line: bytes, packets: list[MagellanPacket]) -> None:
         if not line:
@@ -192,7 +193,7 @@ class MagellanReader(LineReader[MagellanPacket]):
 
 
 def _nibbles(data: bytes) -> bytes | None:
-    """The bytes coded by characters of `ALPHABET`, two each."""
+    """Return the bytes coded by characters of `ALPHABET`, two each."""
     try:
         return bytes.fromhex(data.translate(_HEX).decode())
     except ValueError:

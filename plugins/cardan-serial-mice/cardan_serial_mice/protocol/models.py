@@ -1,4 +1,4 @@
-"""3Dconnexion's serial devices: which protocol each speaks, its buttons, and its full scale."""
+"""3Dconnexion's serial devices: protocol, buttons and full scale."""
 
 from __future__ import annotations
 
@@ -53,27 +53,27 @@ SERIAL_MODELS: tuple[SerialModel, ...] = (
     SerialModel("spaceorb", "SpaceOrb 360", "spaceorb",
                 _labels("a", "b", "c", "d", "e", "f", "rezero"), 508, 508, 0.033),
 )  # fmt: skip
-"""The full scales are those of the Linux kernel's drivers; VRPN's authors saw up to 20000 counts of
-a Spaceball. They are a starting point: measure a device's own by pushing its cap fully."""
+"""Full scales are those of the Linux kernel's drivers; VRPN's authors observed up to 20000 counts
+of a Spaceball. They are a starting point: measure a device's own by pushing its cap fully."""
 
 _BY_KEY = {model.key: model for model in SERIAL_MODELS}
 _FIRMWARE = re.compile(r"Firmware version\s*2\.(\d+)", re.IGNORECASE)
 
 
 def serial_model_by_key(key: str) -> SerialModel:
-    """The model called `key`; KeyError when there is none."""
+    """Return the model with this key. Raises KeyError if there is none."""
     return _BY_KEY[key]
 
 
 def model_of_version(text: str) -> SerialModel:
-    """The device that says `text` when asked for its version (Magellan's `v`)."""
+    """Return the device that replies `text` to a request for its version (Magellan's `v`)."""
     return _BY_KEY["spaceball-5000" if "SPACEBALL" in text else "magellan"]
 
 
 def model_of_firmware(banner: str) -> SerialModel | None:
     """Return the Spaceball whose firmware `banner` names; None: it names no known one.
 
-    2.42 is a 2003 or a 4000 FLX: the first `.` packet tells.
+    2.42 is a 2003 or a 4000 FLX: a `.` packet distinguishes them.
     """
     found = _FIRMWARE.search(banner)
     if found is None:
@@ -83,7 +83,7 @@ def model_of_firmware(banner: str) -> SerialModel | None:
 
 
 def button_mask(model: SerialModel, keys: SpaceballKeys | SpaceballAdvancedKeys) -> int:
-    """The buttons of a Spaceball that are down, one bit each, by `model.buttons`."""
+    """Return the pressed buttons of a Spaceball, one bit each, by `model.buttons`."""
     high, low = keys
     if isinstance(keys, SpaceballAdvancedKeys):
         return low & 0x3F | (low & 0x80) >> 1 | (high & 0x1F) << 7
@@ -93,11 +93,11 @@ def button_mask(model: SerialModel, keys: SpaceballKeys | SpaceballAdvancedKeys)
 
 
 def keys_of_mask(model: SerialModel, mask: int) -> SpaceballKeys | SpaceballAdvancedKeys:
-    """The packet of a Spaceball of `model` when the buttons of `mask` are down."""
+    """Return the packet of a Spaceball of `model` with the buttons of `mask` pressed."""
     if model.key == "spaceball-4000":
         return SpaceballAdvancedKeys(0x20 | mask >> 7 & 0x1F, mask & 0x3F | (mask & 0x40) << 1)
     if model.key == "spaceball-3003":
-        # The right key is wired to the pick of the 2003, too.
+        # The right key is wired to the pick of the 2003 too.
         return SpaceballKeys((mask & 4) << 3 | (mask & 2) << 3, (mask & 3) << 4)
     return SpaceballKeys(mask >> 4 & 0x07 | mask >> 3 & 0x10 | mask >> 5 & 0x08, mask & 0x0F)
 
@@ -107,7 +107,8 @@ def keys_of_mask(model: SerialModel, mask: int) -> SpaceballKeys | SpaceballAdva
 
 
 def to_hid_counts(model: SerialModel, counts: Sequence[int]) -> Counts:
-    """Counts of a serial device in the raw frame of the HID devices (+Y to the operator, +Z down).
+    """Convert counts of a serial device to the raw frame of the HID devices (+Y to the operator, +Z
+    down).
 
     Magellan and SpaceOrb: X right, Y up, Z to the operator. Spaceball: X right, Y up, Z away.
     """
@@ -118,7 +119,7 @@ def to_hid_counts(model: SerialModel, counts: Sequence[int]) -> Counts:
 
 
 def from_hid_counts(model: SerialModel, counts: Sequence[int]) -> Counts:
-    """The inverse of `to_hid_counts`."""
+    """Inverse of `to_hid_counts`."""
     x, y, z, a, b, c = counts
     if model.protocol == "spaceball":
         return (x, -z, -y, a, -c, -b)

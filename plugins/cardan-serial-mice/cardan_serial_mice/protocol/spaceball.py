@@ -2,8 +2,8 @@
 
 9600 baud, 8N1, XON/XOFF in the stream; RTS and DTR up. A packet is a letter, data and CR; in data
 `^` escapes CR, XON, XOFF and itself. Integers are big-endian. Motion is the displacement since the
-packet before. Frame: X right, Y up, Z away from the operator (left-handed); a rotation is
-right-handed about its axis, as spacenavd takes it.
+previous packet. Frame: X right, Y up, Z away from the operator (left-handed); a rotation is
+right-handed about its axis, as in spacenavd.
 
 Source: spacenavd, libspnavdev, VRPN, the Linux kernel and inputattach.
 """
@@ -29,7 +29,7 @@ XON, XOFF = 0x11, 0x13
 RESET = b"@RESET"
 BINARY = b"CB"
 SEND_VECTORS = b"MSSV"
-"""Ball data, translation and rotation as vectors: without an `M` command none come."""
+"""Motion data, translation and rotation as vectors; an `M` command enables them."""
 RATE_20_HZ = b"P@r@r"
 QUERY_KEYS = b"k"
 
@@ -44,11 +44,11 @@ _TO_ESCAPE = re.compile(rb"[\x11\x13\x0d^]")
 _D = struct.Struct(">cH6h")
 _FLOW = bytes((XON, XOFF))
 _MARK = 0x40
-"""Bytes of keys carry this bit."""
+"""Bit that is set in the bytes of keys."""
 
 
 class SpaceballMotion(NamedTuple):
-    """`D`: the displacement in the time since the packet before, counts."""
+    """`D`: displacement in the time since the previous packet, counts."""
 
     period: int
     """That time in sixteenths of a millisecond."""
@@ -61,7 +61,7 @@ class SpaceballMotion(NamedTuple):
 
 
 class SpaceballKeys(NamedTuple):
-    """`K`: the keys now down.
+    """`K`: pressed keys.
 
     `high`: bits 0 to 2 keys 5 to 7, 3 rezero of a 2003, 4 pick, 5 rezero of a 3003. `low`: bits 0
     to 3 keys 1 to 4, 4 and 5 left and right of a 3003.
@@ -72,7 +72,7 @@ class SpaceballKeys(NamedTuple):
 
 
 class SpaceballAdvancedKeys(NamedTuple):
-    """`.`, of a 4000 FLX: the keys now down.
+    """`.`, of a 4000 FLX: pressed keys.
 
     `high`: bits 0 to 4 keys 8, 9, A, B, C, 5 which hand. `low`: bits 0 to 5 keys 1 to 6, 7 key 7.
     """
@@ -88,14 +88,14 @@ class SpaceballReset(NamedTuple):
 
 
 class SpaceballError(NamedTuple):
-    """`E` an error of the device, `?` a command that it does not know."""
+    """`E`: error of the device; `?`: unknown command."""
 
     letter: int
     text: str
 
 
 class SpaceballEcho(NamedTuple):
-    """The answer to a command that sets or asks something."""
+    """Answer to a command that sets or requests something."""
 
     letter: int
     data: bytes
@@ -144,7 +144,7 @@ def decode_spaceball(packet: bytes) -> SpaceballPacket:
 
 
 def encode_spaceball_motion(motion: SpaceballMotion) -> bytes:
-    """A `D` packet with its CR. Raises ValueError for values beyond 16 bits."""
+    """Encode a `D` packet with its CR. Raises ValueError for values beyond 16 bits."""
     try:
         return escape(_D.pack(b"D", *motion)) + b"\r"
     except struct.error as error:
@@ -152,18 +152,18 @@ def encode_spaceball_motion(motion: SpaceballMotion) -> bytes:
 
 
 def encode_spaceball_keys(keys: SpaceballKeys | SpaceballAdvancedKeys) -> bytes:
-    """A `K` or `.` packet with its CR."""
+    """Encode a `K` or `.` packet with its CR."""
     letter = ord("K") if isinstance(keys, SpaceballKeys) else ord(".")
     return escape(bytes((letter, keys.high | _MARK, keys.low | _MARK))) + b"\r"
 
 
 def escape(data: bytes) -> bytes:
-    """`data` as it may stand in a packet."""
+    """Escape `data` for a packet."""
     return _TO_ESCAPE.sub(lambda found: bytes((ord("^"), _ESCAPED[found[0][0]])), data)
 
 
 def unescape(data: bytes) -> bytes | None:
-    """Return `data` without its escapes; None: it has an escape that does not exist."""
+    """Return `data` without its escapes; None for an unknown escape."""
     bad = False
 
     def plain(found: re.Match[bytes]) -> bytes:
@@ -177,7 +177,8 @@ def unescape(data: bytes) -> bytes | None:
 
 
 class SpaceballReader(LineReader[SpaceballPacket]):
-    """Cuts a stream into packets; XON, XOFF and line feeds between packets go. Never raises."""
+    """Splits a stream into packets; removes XON, XOFF and line feeds between packets. Never
+    raises."""
 
     def feed(self, data: bytes) -> list[SpaceballPacket]:
         return super().feed(data.translate(None, _FLOW))

@@ -2,8 +2,8 @@
 
 9600 baud, 8N1, no flow control; RTS, DTR and TX power it. A packet is a letter and data bytes with
 bit 7 set, the last of them a checksum: the XOR of all bytes is 0 in the low seven bits. A packet
-ends where the next letter or CR comes. Frame: X right, Y up, Z towards the operator; rotations
-right-handed about these axes.
+ends at the next letter or CR. Frame: X right, Y up, Z towards the operator; rotations right-handed
+about these axes.
 
 Source: the Linux kernel (spaceorb.c), published descriptions and captures.
 """
@@ -27,9 +27,9 @@ BAUD = 9600
 COUNT_MIN, COUNT_MAX = -512, 511
 PERIOD_S = 0.033
 HEARTBEAT_S = 1.0
-"""A `K` packet comes at least this often."""
+"""Longest time between two `K` packets."""
 QUERY = b"?"
-"""Asks for the information packets (`!1`, `!2`)."""
+"""Request for the information packets (`!1`, `!2`)."""
 
 _KEY = b"SpaceWare"
 _LETTERS = b"DKREN!P"
@@ -39,7 +39,7 @@ _LOW = bytes(byte & 0x7F for byte in range(256))
 
 
 class OrbMotion(NamedTuple):
-    """`D`: the buttons, and the force and torque in counts."""
+    """`D`: buttons, and force and torque in counts."""
 
     status: int
     x: int
@@ -51,10 +51,10 @@ class OrbMotion(NamedTuple):
 
 
 class OrbKeys(NamedTuple):
-    """`K`: the buttons now down, on each change and at least each second."""
+    """`K`: pressed buttons, on each change and at least each second."""
 
     period: int
-    """Since the `K` packet before, in units of 10 ms, modulo 128."""
+    """Time since the previous `K` packet, in units of 10 ms, modulo 128."""
     status: int
     """Bits 0 to 5 buttons A to F, 6 rezero."""
 
@@ -116,7 +116,7 @@ def decode_orb(packet: bytes) -> OrbPacket:
 
 
 def encode_orb_motion(status: int, counts: Sequence[int]) -> bytes:
-    """A `D` packet. Raises ValueError for counts beyond 10 bits."""
+    """Encode a `D` packet. Raises ValueError for counts beyond 10 bits."""
     if not all(COUNT_MIN <= count <= COUNT_MAX for count in counts):
         raise ValueError(f"counts {tuple(counts)} are not all in -512..511")
     bits = 0
@@ -128,22 +128,22 @@ def encode_orb_motion(status: int, counts: Sequence[int]) -> bytes:
 
 
 def encode_orb_keys(period: int, status: int) -> bytes:
-    """A `K` packet."""
+    """Encode a `K` packet."""
     return _packet("K", bytes((period & 0x7F, status & 0x7F, 0)))
 
 
 def encode_orb_reset(text: str) -> bytes:
-    """An `R` packet."""
+    """Encode an `R` packet."""
     return _packet("R", text.encode("ascii"))
 
 
 def encode_orb_error(flags: int) -> bytes:
-    """An `E` packet."""
+    """Encode an `E` packet."""
     return _packet("E", bytes((flags & 0x7F, 0)))
 
 
 def encode_orb_text(letter: str, data: bytes) -> bytes:
-    """A `!` or `N` packet."""
+    """Encode a `!` or `N` packet."""
     return _packet(letter, data)
 
 
@@ -155,7 +155,7 @@ def _packet(letter: str, data: bytes) -> bytes:
 
 
 class OrbReader:
-    """Cuts a stream into packets; the first letter after noise ends the noise. Never raises."""
+    """Splits a stream into packets; the first letter after noise ends the noise. Never raises."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
@@ -163,7 +163,7 @@ class OrbReader:
         """Bytes after which the packet is complete; 0: at the next letter."""
 
     def feed(self, data: bytes) -> list[OrbPacket]:
-        """Take bytes as they come; the packets that are complete now."""
+        """Add received bytes; return the packets that are complete now."""
         packets: list[OrbPacket] = []
         pending = self._pending
         for byte in data:

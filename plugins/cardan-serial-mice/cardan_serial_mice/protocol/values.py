@@ -21,7 +21,7 @@ class Malformed(NamedTuple):
     """Bytes that are not a valid packet."""
 
     reason: str
-    """One of a few fixed phrases, fit for counting by."""
+    """Reason: one of a few fixed phrases, for counting."""
     letter: int
     """The byte that the packet began with."""
 
@@ -30,7 +30,8 @@ PacketT = TypeVar("PacketT")
 
 
 class LineReader(ABC, Generic[PacketT]):
-    """Cuts a stream into packets, which end in CR, and resynchronizes after noise. Never raises."""
+    """Splits a stream into packets, which end in CR, and resynchronizes after noise. Never
+    raises."""
 
     def __init__(self) -> None:
         self._pending = b""
@@ -38,10 +39,10 @@ class LineReader(ABC, Generic[PacketT]):
 
     @abstractmethod
     def _decode(self, line: bytes, packets: list[PacketT | Malformed]) -> None:
-        """Adds the packets in what stands before a CR, which may be nothing."""
+        """Add the packets in the possibly empty bytes before a CR."""
 
     def feed(self, data: bytes) -> list[PacketT | Malformed]:
-        """Take bytes as they come; the packets that are complete now."""
+        """Add received bytes; return the packets that are complete now."""
         *lines, self._pending = (self._pending + data).split(b"\r")
         packets: list[PacketT | Malformed] = []
         for line in lines:
@@ -71,7 +72,7 @@ class CommandReader:
         return bool(self._pending)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes as they come; the commands that are complete now, without their CR."""
+        """Add received bytes; return the commands that are complete now, without their CR."""
         commands = []
         for byte in data:
             if byte == CR:
@@ -82,5 +83,5 @@ class CommandReader:
         return commands
 
     def reset(self) -> None:
-        """Forget a command that was begun."""
+        """Discard an incomplete command."""
         self._pending.clear()

@@ -18,10 +18,10 @@ from cardan_spnav_server.protocol import ClientRequest, decode_request
 
 
 class Record(NamedTuple):
-    """A record of the daemon, or its word that grants a version."""
+    """Record of the daemon, or its word that grants a version."""
 
     number: int
-    """Of the event that completed it."""
+    """Number of the event that completed it."""
     time_s: float
     channel: str
     value: ServerRecord | Handshake
@@ -33,7 +33,7 @@ class Record(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """A request of ours, and its replies: several if the answer is a string."""
+    """Request of ours, and its replies: several if the answer is a string."""
 
     number: int
     time_s: float
@@ -42,7 +42,7 @@ class Asked(NamedTuple):
 
     @property
     def reply(self) -> ServerReply | None:
-        """The first of them."""
+        """First reply."""
         return self.answers[0].value if self.answers else None  # type: ignore[return-value]
 
 
@@ -53,11 +53,11 @@ class SpnavTraffic:
         self.phases = timeline.phases()
         self.records: list[Record] = []
         self.streams: dict[str, bytes] = {}
-        """All that came on each connection."""
+        """All received bytes of each connection."""
         self.ended: list[tuple[int, str]] = []
-        """Closed or refused by the daemon, and words."""
+        """Connections closed or refused by the daemon, with the reason."""
         self.taken = False
-        """Whether it took a connection."""
+        """True if it accepted a connection."""
         self.greeted: dict[str, tuple[int, float]] = {}
         """Number and time of our handshakes, by connection."""
         self._requests: list[tuple[int, float, str, ClientRequest]] = []
@@ -82,7 +82,8 @@ class SpnavTraffic:
         self.asked = [self._answered(at) for at in range(len(self._requests))]
 
     def _answered(self, at: int) -> Asked:
-        """The request of that index, with replies of its code before the next one of its code."""
+        """Return the request of that index, with its replies before the next request of its
+        code."""
         number, time_s, channel, request = self._requests[at]
         later = (
             n
@@ -104,7 +105,7 @@ class SpnavTraffic:
         )
 
     def sent_request(self, code: int, phase: str = "") -> Asked | None:
-        """The first request of that code, of a phase if one is named."""
+        """Return the first request of that code, of a phase if one is given."""
         where = self.phases.get(phase)
         if phase and where is None:
             return None
@@ -115,11 +116,11 @@ class SpnavTraffic:
         return None
 
     def phase(self, name: str) -> TimelinePhase | None:
-        """The phase of that name, if the pilot came to it."""
+        """Return the phase of that name, if the scenario reached it."""
         return self.phases.get(name)
 
     def during(self, channel: str, *names: str) -> list[Record]:
-        """The records of a connection in these phases; of none: all."""
+        """Return the records of a connection in these phases; without phases: all."""
         found = [self.phases[name] for name in names if name in self.phases]
         return [
             r
@@ -129,11 +130,11 @@ class SpnavTraffic:
         ]
 
     def motions(self, channel: str, *names: str) -> list[Record]:
-        """The motions among them."""
+        """Return the motions among them."""
         return [each for each in self.during(channel, *names) if each.counts]
 
     def buttons(self, channel: str, *names: str) -> list[tuple[int, Button]]:
-        """The edges of buttons among them, each with its event's number."""
+        """Return the presses and releases among them, each with its event's number."""
         return [
             (each.number, each.value)
             for each in self.during(channel, *names)

@@ -1,4 +1,4 @@
-"""Defects of daemons, some of them seen in public ones, for the server that is simulated."""
+"""Defects of daemons, some of them seen in public ones, for the simulated server."""
 
 from __future__ import annotations
 

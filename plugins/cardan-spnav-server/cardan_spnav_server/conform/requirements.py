@@ -54,7 +54,7 @@ LIBSPNAV = "FreeSpacenav libspnav, src/spnav.c"
 ON_CHANGE = "FreeSpacenav spacenavd, src/event.c: what changes is passed on, and a hand trembles"
 
 ANSWER_S = 0.3
-"""Silence after which libspnav takes a daemon to be of version 0."""
+"""Silence after which libspnav assumes a daemon of version 0."""
 SILENT_S = 0.5
 FASTEST_HZ = 200.0
 MOST_COUNTS = 512
@@ -62,7 +62,7 @@ PERIOD_SHARE, PERIOD_S = 0.1, 0.1
 OTHERS_SHARE = 0.1
 FACTOR_SHARE = 0.05
 USB_TYPES = 0x200
-"""Device types from here on are of USB."""
+"""First of the device types that are USB's."""
 HELD = ("push-held", "twist-held")
 
 requires: Requirements[SpnavTraffic] = Requirements("SPNAV")
@@ -372,7 +372,7 @@ def strings_are_whole(decoded: SpnavTraffic) -> Verdict:
             continue
         strings, text = StringAssembler(), None
         for answer in each.answers:
-            # Of a reply only, which all of them are.
+            # Parts of a reply only, as all of them are.
             text = strings.take(getattr(answer.value, "data"))  # noqa: B009
         whole = each.reply.data[STATUS]
         if not isinstance(text, str) or len(text.encode()) < whole:
@@ -471,7 +471,7 @@ def all_programs_get_the_same(decoded: SpnavTraffic) -> Verdict:
 
 
 def _factor(decoded: SpnavTraffic, channel: str, wanted: float) -> Verdict:
-    """Whether a connection gets `wanted` times the counts of the connection beside it."""
+    """Check if a connection gets `wanted` times the counts of the other connection."""
     names = _pushed(decoded, "scaled")
     ours, others = decoded.motions(channel, *names), decoded.motions(OTHER, *names)
     if decoded.phase("scaled-held") is None:

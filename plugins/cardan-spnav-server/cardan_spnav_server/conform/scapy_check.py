@@ -1,4 +1,4 @@
-"""The scapy layers as a second decoder of the daemon's records, where they are installed."""
+"""The scapy layers as a second decoder of the daemon's records, if they are installed."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from cardan_spnav_server.conform.decoded import Record, SpnavTraffic
 
 WORD_BYTES = 4
 COMPARED = 2000
-"""Records of a connection that are read twice, at most."""
+"""Most records of a connection that are read twice."""
 
 
 def readings_differ(decoded: SpnavTraffic) -> Verdict:
-    """Whether the layers cut and read the daemon's streams as the codec does."""
+    """Check if the layers split and read the daemon's streams as the codec does."""
     layers = second_description("spnav")
     count = 0
     for channel, stream in decoded.streams.items():
@@ -54,7 +54,7 @@ def _flat(values: Any) -> list[int]:
 
 
 def _alike(record: Record, read: list[int]) -> bool:
-    """Whether the layer's fields begin with what the codec read."""
+    """Return True if the layer's fields begin with the codec's values."""
     value = record.value
     words: tuple[int, ...] = ()
     if isinstance(value, Handshake):

@@ -24,13 +24,13 @@ from cardan.protocols.spnav.strings import CHUNK_BYTES, encode_string
 from cardan_spnav_server.protocol import bits_of
 
 OLD, NEW, OTHER = "v0", "v1", "other"
-"""Connections: a silent one, as of version 0; one with requests; and one to compare with."""
+"""Connections: a silent one, like version 0's; one with requests; and one for comparison."""
 REST_S = 0.5
 ANSWER_S = 0.5
 LATER = 9
 """A version that does not exist."""
 UNKNOWN = 0x1FFF
-"""No request."""
+"""Not a valid request."""
 STRINGS = (Code.DEV_NAME, Code.DEV_PATH)
 IDENTITY = (Code.DEV_NAXES, Code.DEV_NBUTTONS, Code.DEV_TYPE, Code.DEV_USBID)
 SETTINGS = (
@@ -45,8 +45,8 @@ ALONE: Steps = (("alone", "Push the cap to the right once more."),)
 
 
 class SpnavScenario(HandScenario):
-    """Level 0 is a program of version 0, which sends nothing. Later ones ask; no setting is changed
-    but those of a connection."""
+    """Level 0 is a program of version 0, which sends nothing. Higher levels send requests, and
+    change only settings of a connection."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         super().__init__(level, seconds)

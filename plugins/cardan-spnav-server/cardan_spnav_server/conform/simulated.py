@@ -42,7 +42,7 @@ from cardan_spnav_server.protocol import (
 )
 
 LONGEST_S = 300.0
-"""Limit of a simulated run; a script that waits for an event in vain ends before."""
+"""Limit of a simulated run; a script whose wait is never fulfilled ends before."""
 OFFER_S = 0.008
 COUNTS = 350.0
 IDENTITY = DeviceIdentity("3Dconnexion SpaceNavigator", "/dev/input/event7", 0x206, 0x046D, 0xC626)
@@ -56,7 +56,7 @@ _CONTINUED = 0x10000
 
 
 class SpnavSimulation:
-    """Programs that are connected to the server, and a user who follows the scenario's requests."""
+    """Programs that are connected to the server, and a user who follows the instructions."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         check_faults(faults, FAULTS)
@@ -64,14 +64,14 @@ class SpnavSimulation:
         self._core = SpnavServerCore(_BUTTONS, identity=IDENTITY, on_led=lambda _: None)
         self._random = random.Random(seed)
         self._numbers: dict[str, int] = {}
-        """The server's, by connection, in the order in which they were opened."""
+        """Numbers of the server by connection, in the order of opening."""
         self._axes, self._there, self._edges = _REST, True, list[ButtonEvent]()
         self._sent: list[tuple[float, int, str, bytes]] = []
         """Heap of data under way: due, order, connection, bytes."""
         self._order = itertools.count()
         self._counts: Counter[str] = Counter()
         self._asked = False
-        """A program sent something, which the server is to be heard on next."""
+        """True if the server must handle data of a program next."""
         self._mask: int | None = None
         """Event mask set by the program of version 1."""
         self._sensitivity = bits_of(1.0)
@@ -79,7 +79,7 @@ class SpnavSimulation:
         self._repeat_s = self._offer_s = self._now_s = 0.0
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
+        """Run until the scenario is over."""
         exchange = self._exchange
         while not exchange.over and self._now_s < LONGEST_S:
             if self._now_s >= self._offer_s:
@@ -182,7 +182,7 @@ class SpnavSimulation:
         self._core.receive(self._numbers[channel], data, self._now_s)
 
     def _keeps(self, channel: str, request: ClientRequest) -> bool:
-        """Whether a defect answers a request in the server's place, or nothing does."""
+        """Return True if a defect answers a request instead of the server, or drops it."""
         faults, code = self._faults, request.code
         if code == Code.SET_NAME:
             if faults.get("name-answered"):
@@ -242,11 +242,11 @@ class SpnavSimulation:
                 self._send(channel, encode_motion(shown[:6], round(self._faults["repeat"])))
 
     def _every(self, fault: str, count: str) -> bool:
-        """Whether a fault of every VALUE-th acts on this one."""
+        """Return True if a fault of every VALUE-th item acts on this one."""
         return strikes(self._faults, fault, self._counts[count])
 
     def _spoilt(self, channel: str, record: bytes) -> Iterator[bytes]:
-        """`record` as a daemon with these defects would send it."""
+        """Yield `record` altered by these defects."""
         if not self._faults or len(record) != RECORD_BYTES:
             yield record
             return
@@ -290,7 +290,7 @@ class SpnavSimulation:
         yield encode_motion(counts, period_ms)
 
     def _beside(self, channel: str, kind: EventMask) -> None:
-        """Zeros to the program that does not want what another one gets."""
+        """Send zeros to the program that masks the other's events."""
         masked = self._mask is not None and not self._mask & kind
         if self._faults.get("mask-zeros") and channel == OTHER and masked:
             self._send(NEW, encode_motion(_NO_COUNTS, 0))

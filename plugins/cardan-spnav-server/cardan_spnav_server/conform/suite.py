@@ -20,7 +20,7 @@ from cardan_spnav_server.conform.wire import UnixStream
 
 
 class SpnavDaemon(Suite[SpnavTraffic]):
-    """spacenavd, or what stands in for it: Cardan's own server where there is no target."""
+    """spacenavd, or a substitute: Cardan's own server where there is no target."""
 
     name = "spnav"
     judges = "the daemon"
@@ -30,7 +30,7 @@ class SpnavDaemon(Suite[SpnavTraffic]):
     requirements = requires.all()
     transport = SuiteTransport("other")
     seconds = 1.2
-    # Both need a device that is unplugged, and that is done on level 3.
+    # Both need an unplugged device, which level 3 has.
     tried_on: ClassVar[Mapping[str, Level]] = {
         "unplug-untold": Level.BY_HAND,
         "keeps-device": Level.BY_HAND,

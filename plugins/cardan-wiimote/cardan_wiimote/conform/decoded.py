@@ -33,20 +33,20 @@ class Asked(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """A read of memory, and its result."""
+    """Read of memory, and its result."""
 
     asked: Asked
     pieces: tuple[Report, ...]
 
     @property
     def error(self) -> int:
-        """Error of the last piece; 0 where none came."""
+        """Error of the last piece; 0 if none arrived."""
         last = self.pieces[-1].value if self.pieces else None
         return last.error if isinstance(last, ReadData) else 0
 
     @property
     def data(self) -> bytes:
-        """Data that was read, as far as it came."""
+        """Data read so far."""
         values = [each.value for each in self.pieces]
         return b"".join(each.data for each in values if isinstance(each, ReadData))
 
@@ -72,16 +72,16 @@ class WiimoteTraffic:
                 self.reports.append(Report(number, event.time_s, event.data, value))
 
     def phase(self, name: str) -> TimelinePhase | None:
-        """The phase of that name, if the pilot came to it."""
+        """Return the phase of that name, if the scenario reached it."""
         return self.phases.get(name)
 
     def during(self, *names: str) -> list[Report]:
-        """The reports of these phases."""
+        """Return the reports of these phases."""
         found = [self.phases[name] for name in names if name in self.phases]
         return [r for r in self.reports if any(p.first <= r.number < p.end for p in found)]
 
     def reads(self) -> list[Memory]:
-        """Every read of memory."""
+        """Return every read of memory."""
         found = []
         reads = [each for each in self.asked if isinstance(each.value, ReadMemory)]
         for index, each in enumerate(reads):

@@ -44,7 +44,7 @@ EXTENSIONS = "WiiBrew, Wiimote/Extension Controllers"
 DOLPHIN = "Dolphin, its emulated remote"
 
 PERIOD_S = (0.004, 0.02)
-"""A remote sends 100 reports a second, over Linux at times 200."""
+"""A remote sends 100 reports a second, with Linux at times 200."""
 SILENT_S = 0.1
 ANSWER_S = 0.2
 ONE_G = 0.15

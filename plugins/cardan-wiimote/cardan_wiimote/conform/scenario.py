@@ -1,4 +1,4 @@
-"""Asks a remote: for its buttons, its state, its memory, and for data of its accelerometer."""
+"""Scenario for a remote: requests its buttons, state, memory, and accelerometer data."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ EXTENSION_MODE = 0x35
 
 
 class WiimoteScenario(Scenario):
-    """A host that has one request open at a time."""
+    """Host that has one request open at a time."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level

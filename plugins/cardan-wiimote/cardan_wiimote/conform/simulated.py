@@ -1,4 +1,4 @@
-"""The simulated remote and a pilot in virtual time."""
+"""The simulated remote and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from cardan.conform.timeline import Kind
 from cardan_wiimote.peer import SimulatedWiimote
 
 LONGEST_S = 300.0
-"""Limit of a simulated run; a script that waits for an event in vain ends before."""
+"""Limit of a simulated run; a script whose wait is never fulfilled ends before."""
 
 
 class WiimoteSimulation:
-    """A remote with a Nunchuk, flat on a table."""
+    """Remote with a Nunchuk, flat on a table."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         self._exchange = exchange
@@ -25,7 +25,7 @@ class WiimoteSimulation:
         self._now_s = 0.0
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
+        """Run until the scenario is over."""
         exchange, remote = self._exchange, self._remote
         while not exchange.over and self._now_s < LONGEST_S:
             self._do(exchange.due(self._now_s))

@@ -1,7 +1,7 @@
-"""The state of a remote from its reports, and when its input counts. No I/O, no clock.
+"""State of a remote from its reports, and the conditions for its input. No I/O, no clock.
 
-A remote streams a hundred reports per second, moved or not, so silence is always a fault: after
-`STALE_AFTER_S` its input does not count until the clutch has been released.
+A remote streams a hundred reports per second, moved or not; silence is always a fault: after
+`STALE_AFTER_S` its input is ignored until the clutch has been released.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ STALE_AFTER_S = 0.09
 difference is for one cycle of the reader."""
 
 G_M_S2 = 9.80665
-"""Standard gravity, the unit of what an accelerometer is calibrated by."""
+"""Standard gravity, the unit of accelerometer calibrations."""
 
 SETTLE_S = 0.02
-"""Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
+"""Reports of rest within this time after a silence may be old ones from a queue."""
 
 SUSPECT_S = 0.3
 """Time without usable data of an extension after which it is detected again."""
@@ -65,10 +65,11 @@ CENTERED = 0.2
 
 CENTER_SAMPLES, CENTER_COUNTS = 16, 25
 """For a Nunchuk without calibration: its center is the mean of the first samples, if they are this
-near to the middle."""
+close to the middle."""
 
 EARLY_LOSS_S = 5.0
-"""A remote lost within this time of its opening was dropped by the system or by itself."""
+"""A remote lost within this time of its opening was dropped by the system or disconnected
+itself."""
 
 _NAMES = {"1": "one", "2": "two"}
 BUTTON_NAMES = tuple(_NAMES.get(label, label) for label in BUTTONS.values())
@@ -88,20 +89,20 @@ KERNEL_DRIVER = (
 
 
 class Identity(NamedTuple):
-    """Which remote was opened, and how."""
+    """Identity of the opened remote and its connection."""
 
     name: str = ""
     """Its Bluetooth name."""
     address: str = ""
     transport: str = ""
     kernel_driver: bool = False
-    """The kernel's driver hid-wiimote has it, too."""
+    """True if the kernel's driver hid-wiimote is bound to it too."""
     late_model: bool = False
-    """One of the -TR remotes."""
+    """True for the -TR remotes."""
 
 
 class WiimoteCore(DeviceCore):
-    """The state of one remote. Times are monotonic, s; `now_s` may step back a little."""
+    """State of one remote. Times are monotonic, s; `now_s` may step back a little."""
 
     _counters: ClassVar[Mapping[str, str]] = {
         "silences": f"silences of more than {STALE_AFTER_S:g} s",
@@ -122,22 +123,22 @@ class WiimoteCore(DeviceCore):
         self._gyro = Gyro(options.dead_zone * options.gyro_full_scale_rad_s)
         self._identity = Identity()
         self._usual_reason = self._reason
-        """The reason when no more urgent one applies."""
+        """Default reason, without a more urgent one."""
         self._early_losses = 0
         self._reports = 0
         self._led: int | None = None
         self._forget(NEVER_S)
 
     def _forget(self, now_s: float) -> None:
-        """Forget the state of the remote."""
+        """Discard the state of the remote."""
         self._opened_s = now_s
         self._battery_counts: int | None = None
         self._heard_s = now_s
         self._stamp_s = NEVER_S
         self._fresh_until_s = NEVER_S
-        """Until then no part is stale."""
+        """Time until which no part is stale."""
         self._complete_s = now_s
-        """When all needed parts were last fresh."""
+        """Time at which all needed parts were last fresh."""
         self._force_g: Vector = (0.0, 0.0, 0.0)
         self._pointer: tuple[float, float] | None = None
         self._dots = 0
@@ -150,7 +151,7 @@ class WiimoteCore(DeviceCore):
         self._forget_port()
 
     def _forget_port(self) -> None:
-        """Forget the state of Nunchuk and MotionPlus."""
+        """Discard the state of Nunchuk and MotionPlus."""
         self._stick_s = self._rate_s = NEVER_S
         self._stick = (0.0, 0.0)
         self._rates_rad_s: Vector = (0.0, 0.0, 0.0)
@@ -163,7 +164,7 @@ class WiimoteCore(DeviceCore):
     # -- what happens to the device ------------------------------------------------------------
 
     def on_opened(self, now_s: float, identity: Identity | None = None) -> None:
-        """The remote was opened (again)."""
+        """Handle the opening of the remote."""
         self._identity = identity or Identity()
         self._session.begin(now_s)
         led = self._options.led
@@ -175,19 +176,19 @@ class WiimoteCore(DeviceCore):
         self._reason = _STARTING
 
     def on_lost(self, reason: str, now_s: float) -> None:
-        """The remote was unplugged, cannot be read, or is missing."""
+        """Handle a remote that was unplugged, cannot be read, or is missing."""
         if self._open and not self.failure(now_s):
             early = now_s - self._opened_s < EARLY_LOSS_S
             self._early_losses = self._early_losses + 1 if early else 0
         super().on_lost(reason, now_s)
 
     def on_closed(self, now_s: float) -> None:
-        """The remote was closed on request."""
+        """Handle the closing of the remote on request."""
         super().on_closed(now_s)
         self._led = None
 
     def on_report(self, report: bytes, now_s: float) -> None:
-        """An input report, id first, was received at `now_s`. Never raises."""
+        """Handle an input report, id first, received at `now_s`. Never raises."""
         if not self._open:
             return
         value = decode_input(report)
@@ -214,19 +215,19 @@ class WiimoteCore(DeviceCore):
     # -- commands to it ------------------------------------------------------------------------
 
     def set_rumble(self, level: float, now_s: float) -> None:
-        """Rumble at `level`, 0..1, until told otherwise, but no longer than `CUT_OFF_S`."""
+        """Rumble at `level`, 0..1, until the next call, but at most for `CUT_OFF_S`."""
         self._rumble.set(level, now_s)
 
     def set_led(self, on: bool) -> None:
-        """Light the LED of the options (the first, where they name none), or put all out."""
+        """Switch on the LED of the options (default: the first), or switch all off."""
         self._led = 1 << max(self._options.led, 1) >> 1 if on else 0
 
     def parting(self) -> list[bytes]:
-        """Output reports to send before it is let go: the LEDs as they were asked for last."""
+        """Return the output reports to send before closing: the LEDs as requested last."""
         return [] if self._led is None else [encode_output(Leds(self._led))]
 
     def outgoing(self, now_s: float) -> list[bytes]:
-        """Output reports to send now."""
+        """Return the output reports to send now."""
         if not self._open:
             return []
         if self._led is not None and now_s - self._led_s >= PULSE_S:
@@ -243,7 +244,7 @@ class WiimoteCore(DeviceCore):
         return [with_rumble(report, self._rumble.on) for report in reports]
 
     def failure(self, now_s: float) -> str:
-        """Why the remote has to be opened anew; empty while there is no reason."""
+        """Return why the remote must be reopened; empty if there is no reason."""
         if self._session.failure:
             return self._session.failure
         silent_s = now_s - self._heard_s
@@ -255,7 +256,7 @@ class WiimoteCore(DeviceCore):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names of the buttons; those of the Nunchuk always, as it may come."""
+        """Names of the buttons; those of the Nunchuk always, because it may be plugged in later."""
         return (*BUTTON_NAMES, *NUNCHUK_BUTTONS)
 
     def _tally(self) -> Mapping[str, int]:
@@ -372,7 +373,7 @@ class WiimoteCore(DeviceCore):
             if session.nunchuk is not None:
                 self._on_nunchuk(data, True, now_s)
             return
-        if self._skip_frame:  # The first one after the start may be garbage.
+        if self._skip_frame:  # The first report after the start may be garbage.
             self._skip_frame = False
             return
         frame = decode_motion_plus(data)
@@ -404,7 +405,8 @@ class WiimoteCore(DeviceCore):
         self._stick_s = now_s
 
     def _measured_center(self, x: int, y: int) -> tuple[int, int]:
-        """The center of a stick without calibration: the mean of first samples near the middle."""
+        """Return the center of a stick without calibration: the mean of first samples near the
+        middle."""
         if self._center is None:
             low, high = 128 - CENTER_COUNTS, 128 + CENTER_COUNTS
             if low <= x <= high and low <= y <= high:
@@ -428,7 +430,7 @@ class WiimoteCore(DeviceCore):
             self._pointer = (2.0 * x / (WIDTH - 1) - 1.0, 2.0 * y / (HEIGHT - 1) - 1.0)
 
     def _on_port_change(self, now_s: float) -> None:
-        """Something was plugged in or out."""
+        """Handle a plugged or unplugged extension."""
         self._changes = self._session.changes
         self._forget_port()
         if self._link is DeviceLink.LIVE:
@@ -437,7 +439,7 @@ class WiimoteCore(DeviceCore):
     # -- when input counts ---------------------------------------------------------------------
 
     def _watch(self, now_s: float) -> None:
-        """Check for silence, of the whole remote or of a part that is needed."""
+        """Check for silence of the whole remote or of a needed part."""
         if now_s <= self._fresh_until_s or self._link not in _TALKING:
             return
         if now_s - self._heard_s > STALE_AFTER_S and self._buttons.held:
@@ -451,7 +453,7 @@ class WiimoteCore(DeviceCore):
             self._invalidate_input(DeviceLink.STALE, _SILENT, now_s)
 
     def _missing(self, now_s: float) -> str:
-        """Which needed part says nothing; empty when all do."""
+        """Return the needed part that is silent; empty if none is."""
         session = self._session
         oldest_s = now_s - STALE_AFTER_S
         if not session.started:
@@ -468,7 +470,7 @@ class WiimoteCore(DeviceCore):
         return ""
 
     def _update(self, now_s: float) -> None:
-        """A report was taken in: buttons, link and axes follow."""
+        """Update buttons, link and axes after a report."""
         missing = self._missing(now_s)
         if not missing:
             self._complete_s = now_s
@@ -498,9 +500,9 @@ class WiimoteCore(DeviceCore):
             self._tilt.capture()
 
     def _seek_neutral(self, missing: str, held: bool, now_s: float) -> None:
-        """Accept the remote once all its parts report and no button of it is held.
+        """Accept the remote once all its parts report and none of its buttons is held.
 
-        `held`: a clutch button is down, even if it does not count until it was up.
+        `held`: a clutch button is down, even if it is ignored until its release.
         """
         let_go = not held and max(map(abs, self._stick)) < CENTERED
         if not missing and let_go and now_s >= self._ignore_rest_until_s:
@@ -531,7 +533,7 @@ class WiimoteCore(DeviceCore):
         return self._shaper(self._roles.axes(motion))
 
     def _oldest_s(self) -> float:
-        """Time of the last report of that part of the remote whose report is oldest."""
+        """Return the oldest of the last report times of the remote's parts."""
         stamps = [self._stamp_s]
         if self._session.nunchuk is not None:
             stamps.append(self._stick_s)
@@ -540,7 +542,7 @@ class WiimoteCore(DeviceCore):
         return min(stamps)
 
     def _release(self, now_s: float) -> None:
-        """Count all buttons as released: which ones are held is not known any more."""
+        """Count all buttons as released, because their state is unknown."""
         self._forget_buttons()
         self._buttons.release_all(now_s)
         self._cached = None

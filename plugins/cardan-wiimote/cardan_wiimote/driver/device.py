@@ -27,7 +27,7 @@ from cardan_wiimote.driver.transports import (
 from cardan_wiimote.protocol import Rumble, encode_output
 
 READ_TIMEOUT_S = 0.01
-"""Longest wait for a report, and so the delay of a motor pulse; reports come as often."""
+"""Longest wait for a report, which delays a motor pulse; reports arrive at this rate."""
 
 BURST_REPORTS = 64
 """Most reports processed before the motor is updated."""
@@ -39,8 +39,8 @@ class Wiimote(ReadDevice[WiimoteCore]):
     """A Wii Remote as an operator device: tilt, buttons, Nunchuk, MotionPlus, rumble.
 
     Its axes are zero unless a clutch button is held, and LIVE only after none was; see :mod:`.core`
-    for the rules and :mod:`.roles` for what the motions mean. It, and no other, is opened again by
-    itself after it was lost. `backend` replaces the way to the remote.
+    for the rules and :mod:`.roles` for the mapping of motions. After a loss the same remote, and no
+    other, is reopened automatically. `backend` replaces the transport.
     """
 
     Options: ClassVar[type[WiimoteOptions]] = WiimoteOptions
@@ -74,11 +74,11 @@ class Wiimote(ReadDevice[WiimoteCore]):
         self._transport = backend or _transport(self.options)
         self._remote: Link | None = None
         self._remembered: Found | None = None
-        """The remote opened first, until close(): another operator's remote does not replace it."""
+        """Remote opened first, until close(): another operator's remote does not replace it."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The remotes that the system has connected; opens none."""
+        """Return the remotes that the system has connected; opens none."""
         try:
             remotes = HidrawTransport().find()
         except (DriverError, OSError) as error:
@@ -92,7 +92,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """Capabilities of a remote; c and z are a Nunchuk's, which may come at any time."""
+        """Capabilities of a remote; c and z are a Nunchuk's, which may be plugged in later."""
         with self._lock:
             labels = self._core.labels
         return DeviceCapabilities(
@@ -112,7 +112,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 self._core.set_rumble(feedback.rumble, time.monotonic())
 
     def open(self) -> None:
-        """Open a remote and start to read it.
+        """Open a remote and start the reader.
 
         Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
         """
@@ -138,7 +138,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
             except DeviceAccessError as error:
                 refusals.append(str(error))
                 continue
-            try:  # Some adapters show remotes that are not there: those take no report.
+            try:  # Some adapters list absent remotes, which accept no report.
                 link.write(_MOTOR_OFF)
             except OSError as error:
                 link.close()
@@ -223,7 +223,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
 
 def _caution(remote: Found) -> str:
-    """Why `remote` cannot be opened, or, if it can, the problems to expect once it is open."""
+    """Return why `remote` cannot be opened or, if it can, the problems to expect."""
     if remote.obstacle:
         return remote.obstacle
     words = []
@@ -238,7 +238,7 @@ def _caution(remote: Found) -> str:
 
 
 def _is_same(remote: Found, remembered: Found) -> bool:
-    """By the address, as the system's path of a remote is another one when it is back."""
+    """Compare by address, because the system gives a returned remote another path."""
     if remembered.address:
         return remote.address == remembered.address
     return remote.path == remembered.path

@@ -1,4 +1,4 @@
-"""Turning rates of a MotionPlus, with the rest point taken anew while it lies or is held still."""
+"""Angular rates of a MotionPlus, with the bias measured again while it lies or is held still."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from cardan.types import NEVER_S
 Vector = tuple[float, float, float]
 
 STILL_S = 1.0
-"""Time of stillness from which the rest point is measured."""
+"""Time of stillness from which the bias is measured."""
 
 STILL_SAMPLES = 20
 
 STILL_RAD_S = math.radians(3.0)
-"""Largest difference of rates while it counts as still."""
+"""Largest difference of rates that counts as still."""
 
 STEADY_TURN_RAD_S = math.radians(10.0)
-"""Rate beyond which it is a steady turn, and not a shifted rest point."""
+"""Rate beyond which it is a steady rotation, and not a changed bias."""
 
 LARGEST_BIAS_RAD_S = math.radians(3.0)
-"""Largest shift of the rest point that is accepted. A slower steady turn looks the same as a shift,
-and becomes a turn the other way once the remote stops."""
+"""Largest change of the bias that is accepted. A slower steady rotation looks like a change, and
+becomes the opposite rotation once the remote stops."""
 
 
 class Gyro:
     """Rates in rad/s about the operator's axes. Times are monotonic, s.
 
-    `largest_bias_rad_s`: largest shift of the rest point that is accepted, up to
-    `LARGEST_BIAS_RAD_S`. Within a dead zone of that size a wrong one moves nothing.
+    `largest_bias_rad_s`: largest accepted change of the bias, up to `LARGEST_BIAS_RAD_S`. With a
+    dead zone of that size a wrong bias causes no motion.
     """
 
     def __init__(self, largest_bias_rad_s: float = LARGEST_BIAS_RAD_S) -> None:
@@ -36,10 +36,10 @@ class Gyro:
         self.reset()
 
     def reset(self) -> None:
-        """A MotionPlus that nothing is known of."""
+        """Reset to an unknown MotionPlus."""
         self.bias_rad_s: Vector = (0.0, 0.0, 0.0)
         self.updates = 0
-        """How often the rest point was taken anew."""
+        """Number of measurements of the bias."""
         self._forget()
 
     def _forget(self) -> None:
@@ -50,7 +50,8 @@ class Gyro:
         self._high = [-math.inf] * 3
 
     def update(self, rates_rad_s: Vector, now_s: float, at_rest: bool) -> Vector:
-        """The rates less the rest point. `at_rest`: no clutch is held, so none is steered by."""
+        """Return the rates less the bias. `at_rest`: no clutch is held, thus the rates command
+        nothing."""
         if at_rest:
             self._watch(rates_rad_s, now_s)
         elif self._count:

@@ -25,7 +25,7 @@ class WiimoteOptions(ShapingOptions):
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.07
     """Share of the full scale that counts as rest; 0.07 of 1 g are 4 degrees."""
     transport: Literal["auto", "hidraw", "l2cap", "socket"] = "auto"
-    """auto: hidraw. l2cap: Bluetooth channels of our own, past the kernel's drivers. socket: a
+    """auto: hidraw. l2cap: own Bluetooth channels, without the kernel's drivers. socket: a
     simulated remote."""
     path: Annotated[str, bounds.MEETING] = ""
     """hidraw: the device's path as ``cardan devices`` lists it, empty for the first found; socket:
@@ -33,25 +33,25 @@ class WiimoteOptions(ShapingOptions):
     address: str = ""
     """Bluetooth address of the remote, "00:1F:32:AA:BB:CC"; must be given for l2cap, empty: any."""
     roles: Literal["paper", "tilt", "gyro"] = "paper"
-    """Meaning of the remote's motion while a clutch button is held."""
+    """Mapping of the remote's motion while a clutch button is held."""
     full_tilt_deg: Annotated[float, FULL_TILT_DEG] | None = None
-    """Tilt that is full deflection, 5 to 90; None: 90 (roles "paper"), 45 ("tilt")."""
+    """Tilt of full deflection, 5 to 90; None: 90 (roles "paper"), 45 ("tilt")."""
     neutral: Literal["level", "press"] = "level"
-    """Tilt that counts as none: level, or how the remote is held when the clutch is pressed."""
+    """Neutral tilt: level, or the attitude when the clutch is pressed."""
     low_pass_hz: Annotated[float, LOW_PASS_HZ] = 7.0
     """Cut-off frequency of the filter on the accelerometer."""
     gyro_full_scale_rad_s: Annotated[float, bounds.HAND_TURN_RAD_S] = 3.0
-    """Turning speed of the remote that is full deflection (roles "gyro")."""
+    """Angular rate of the remote at full deflection (roles "gyro")."""
     motion_plus: Literal["auto", "on", "off"] = "auto"
-    """Whether to use a MotionPlus; auto: where the roles need it."""
+    """Use of a MotionPlus; auto: if the roles need it."""
     ir: bool = False
-    """True: the camera is on; where the remote points stands in the metrics."""
+    """True: the camera is on; the metrics have the pointing direction."""
     led: Annotated[int, LED] = 1
-    """The LED, 1 to 4, that is lit from opening until the gateway says otherwise; 0: none."""
+    """LED, 1 to 4, that is on from opening until the gateway changes it; 0: none."""
     reconnect_after_s: Annotated[float, RECONNECT_AFTER_S] = 0.5
-    """Silence after which the remote is opened anew; its input counts for 0.1 s only."""
+    """Silence after which the remote is reopened; its input is accepted for 0.1 s only."""
     wait_for_device: bool = False
-    """open() succeeds without a remote, which is picked up once it is there."""
+    """open() succeeds without a remote, which is connected once it appears."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,10 +67,10 @@ class WiimoteOptions(ShapingOptions):
 
     @property
     def full_tilt_used_deg(self) -> float:
-        """The tilt that is full deflection."""
+        """Tilt of full deflection."""
         return _FULL_TILT_DEG[self.roles] if self.full_tilt_deg is None else self.full_tilt_deg
 
     @property
     def wants_motion_plus(self) -> bool:
-        """Whether a MotionPlus is to be switched on."""
+        """True if a MotionPlus is to be switched on."""
         return self.motion_plus == "on" or (self.motion_plus == "auto" and self.roles == "gyro")

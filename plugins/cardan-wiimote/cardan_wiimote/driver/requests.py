@@ -1,7 +1,7 @@
 """Requests to the remote, one at a time: memory, camera switches and status, with answers.
 
-A remote takes the next memory operation only when the one before is answered, and the camera ends
-in a random state when its start-up does not wait.
+A remote accepts a memory operation only after the reply to the previous one, and the camera ends in
+a random state if its start-up does not wait.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from cardan_wiimote.protocol import (
 )
 
 TIMEOUT_S = 1.0
-"""A remote that was just woken is slow."""
+"""Allows for a remote that was just woken."""
 
 TRIES = 3
-"""How often something is asked that is not answered."""
+"""Number of attempts of a request without an answer."""
 
 BUSY_TRIES, BUSY_PAUSE_S = 20, 0.05
-"""How often something is asked that the remote is too busy for, and the pause between."""
+"""Number of attempts with a busy remote, and the pause between."""
 
 WiimoteRequest = ReadMemory | WriteMemory | Switch | StatusRequest
 
@@ -39,13 +39,13 @@ class Answer(NamedTuple):
     """Result of a request."""
 
     error: int | None = None
-    """An `ErrorCode`; None: there was no answer, however often it was asked."""
+    """An `ErrorCode`; None: no answer to any attempt."""
     data: bytes = b""
-    """Data that was read."""
+    """Data read."""
 
     @property
     def ok(self) -> bool:
-        """The remote did it."""
+        """True if the remote executed it."""
         return self.error == ErrorCode.SUCCESS
 
 
@@ -53,22 +53,22 @@ NO_ANSWER = Answer()
 
 
 class Requests:
-    """The request that is under way. Times are monotonic, s."""
+    """Present request. Times are monotonic, s."""
 
     def __init__(self) -> None:
         self.timeouts = 0
         self.foreign = 0
-        """Answers to requests of another program or the kernel's driver."""
+        """Number of answers to requests of another program or the kernel's driver."""
         self._request: WiimoteRequest | None = None
         self._report = b""
         self._data = bytearray()
         self._tries = self._busy = 0
         self._send_s = NEVER_S
-        """When it was sent, or is to be sent."""
+        """Time of sending, past or future."""
         self._sent = False
 
     def ask(self, request: WiimoteRequest) -> None:
-        """Make `request`, in place of any before."""
+        """Make `request` in place of any earlier one."""
         self._request = request
         self._report = encode_output(request)
         self._data.clear()
@@ -77,11 +77,11 @@ class Requests:
         self._send_s = NEVER_S
 
     def reset(self) -> None:
-        """Forget requests under way."""
+        """Discard pending requests."""
         self._request = None
 
     def poll(self, now_s: float) -> bytes | Answer | None:
-        """A report to send now, or `NO_ANSWER` when the request has failed, or None."""
+        """Return a report to send now, or `NO_ANSWER` if the request has failed, or None."""
         if self._request is None:
             return None
         if not self._sent:
@@ -101,7 +101,7 @@ class Requests:
         return self._report
 
     def on_input(self, value: ReadData | Ack | Status, now_s: float) -> Answer | None:
-        """The end of the request, if `value` is it."""
+        """Return the result of the request if `value` completes it."""
         request = self._request
         if isinstance(value, Status):
             if isinstance(request, StatusRequest) and self._sent:

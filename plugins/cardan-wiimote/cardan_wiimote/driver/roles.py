@@ -1,8 +1,8 @@
-"""The mapping from tilt, turning rates, stick and buttons to six deflections.
+"""Mapping from tilt, angular rates, stick and buttons to six deflections.
 
-All deflections are zero unless a clutch button is held. The roles "paper" are those of Łukawski,
-Victores and Balaguer 2023 in the tool's axes, as their released controller has them: a tilt of
-1 g is a deflection of 1, which `mapping` turns into its 0.1 rad/s, and A and B into 0.01 m/s.
+All deflections are zero unless a clutch button is held. The roles "paper" follow Łukawski, Victores
+and Balaguer 2023 in the tool's axes, as in their published controller: a tilt of 1 g is a
+deflection of 1, which `mapping` scales to its 0.1 rad/s, and A and B to 0.01 m/s.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 from cardan.drivers.shaping import Deflections
 
 STICK_BUTTON = "z"
-"""The Nunchuk's trigger: a clutch for its stick alone."""
+"""Nunchuk's trigger: a clutch for its stick alone."""
 
 
 class RemoteMotion(NamedTuple):
@@ -27,7 +27,7 @@ class RemoteMotion(NamedTuple):
     dipped: float
     """Tilt nose down, -1..1."""
     rates: tuple[float, float, float]
-    """Turning rates about x forward, y left, z up; 1 is full deflection."""
+    """Angular rates about x forward, y left, z up; 1 is full deflection."""
     stick: tuple[float, float]
     """The Nunchuk's stick: forward and left, -1..1."""
 
@@ -36,23 +36,23 @@ class Roles(ABC):
     """Mapping from the operator's motion to deflections."""
 
     clutch: frozenset[str]
-    """While one of these is held, the remote itself moves something."""
+    """Buttons that enable the remote's own motion while held."""
     needs_rates = False
-    """They use a MotionPlus."""
+    """True if they use a MotionPlus."""
 
     def on_press(self, buttons: frozenset[str]) -> None:  # noqa: B027 - most roles have no modes
-        """`buttons` went down, all at once."""
+        """Handle `buttons` pressed at the same time."""
 
     def reset(self) -> None:  # noqa: B027
-        """A new link: modes as they are at first."""
+        """Reset the modes for a new link."""
 
     @property
     def yaw(self) -> bool:
-        """Tilt to the side turns about z instead of x."""
+        """True if tilt to the side rotates about z instead of x."""
         return False
 
     def axes(self, motion: RemoteMotion) -> Deflections:
-        """The deflections, before they are shaped."""
+        """Return the deflections, before shaping."""
         held = not self.clutch.isdisjoint(motion.buttons)
         x, y, z, rx, ry, rz = self._moved(motion) if held else (0.0,) * 6
         if held or STICK_BUTTON in motion.buttons:
@@ -61,11 +61,11 @@ class Roles(ABC):
 
     @abstractmethod
     def _moved(self, motion: RemoteMotion) -> Deflections:
-        """The deflections that the remote itself makes, its clutch being held."""
+        """Return the deflections by the remote itself while its clutch is held."""
 
 
 class PaperRoles(Roles):
-    """A forward along z, B back, both: only turning. Tilt turns: to the side about x (about z
+    """A: forward along z; B: back; both: rotation only. Tilt rotates: to the side about x (about z
     after button 2, until button 1), nose down about y."""
 
     clutch = frozenset({"a", "b"})
@@ -94,8 +94,8 @@ class PaperRoles(Roles):
 
 
 class TiltRoles(Roles):
-    """B held: nose down goes forward, tilt to the right goes right, the cross up and down, and
-    its left and right turn about z. With A as well the tilt turns about x and y instead."""
+    """B held: nose down moves forward, tilt to the right moves right, the cross moves up and down
+    and rotates about z. With A as well, tilt rotates about x and y instead."""
 
     clutch = frozenset({"b"})
 
@@ -108,8 +108,8 @@ class TiltRoles(Roles):
 
 
 class GyroRoles(Roles):
-    """B held: the robot turns as the remote turns; the cross goes forward and back, left
-    and right, plus and minus up and down."""
+    """B held: the robot rotates with the remote; the cross moves forward, back, left and right,
+    plus and minus up and down."""
 
     clutch = frozenset({"b"})
     needs_rates = True

@@ -7,41 +7,41 @@ import math
 from cardan.types import NEVER_S
 
 PULSE_S = 0.02
-"""Shortest time on or off: the motor follows nothing faster, and 50 writes per second are the most
-that it ever takes."""
+"""Shortest time on or off: the motor follows nothing faster, and this limits it to 50 writes per
+second."""
 
 PERIOD_S = 0.08
-"""Period of the pulses at medium strength: 12.5 Hz feels like strength, not like knocking."""
+"""Period of the pulses at medium strength: 12.5 Hz feels like strength and not like knocking."""
 
 LONGEST_PERIOD_S = 0.4
 """Longest period: below one pulse in it the motor is off, above one gap in it on."""
 
 CUT_OFF_S = 0.9
-"""Time after which a strength that is not renewed ends: its program may have died."""
+"""Time after which a strength without renewal ends: its program may have died."""
 
 
 class Rumble:
-    """Whether the motor is to be on, by strength and time. Times are monotonic, s."""
+    """On-off state of the motor by strength and time. Times are monotonic, s."""
 
     def __init__(self) -> None:
         self.on = False
-        """The state that the motor was set to last."""
+        """Last commanded state of the motor."""
         self._level = 0.0
         self._renewed_s = NEVER_S
         self._switched_s = NEVER_S
 
     @property
     def level(self) -> float:
-        """The strength asked for, 0..1."""
+        """Requested strength, 0..1."""
         return self._level
 
     def set(self, level: float, now_s: float) -> None:
-        """Ask for the strength `level`, 0..1 (else clamped; NaN is off), for up to `CUT_OFF_S`."""
+        """Request the strength `level`, 0..1 (else clamped; NaN is off), for up to `CUT_OFF_S`."""
         self._level = min(max(level, 0.0), 1.0) if math.isfinite(level) else 0.0
         self._renewed_s = now_s
 
     def update(self, now_s: float) -> bool:
-        """True when the motor has to be switched at `now_s`; `on` then says how."""
+        """Return True if the motor has to be switched at `now_s`; `on` is its new state."""
         if self._level and now_s - self._renewed_s > CUT_OFF_S:
             self._level = 0.0
         since_s = now_s - self._switched_s
@@ -58,14 +58,14 @@ class Rumble:
         return True
 
     def reset(self) -> None:
-        """The motor is off and nothing is asked for (a new link)."""
+        """Reset for a new link: motor off, no strength requested."""
         self.on = False
         self._level = 0.0
         self._switched_s = NEVER_S
 
 
 def pulse(level: float) -> tuple[float, float]:
-    """Time on and time off, s, that make `level` (0..1); (0, 0.0) and so on where constant."""
+    """Return time on and time off, s, for `level` (0..1); (0, 0.0) and so on if constant."""
     if level <= PULSE_S / LONGEST_PERIOD_S:
         return 0.0, 0.0
     if level >= 1.0 - PULSE_S / LONGEST_PERIOD_S:

@@ -53,33 +53,33 @@ MODE_AGAIN_S = 0.03
 """Time after which a data mode that did not take effect is set again."""
 
 MODE_SILENCE_S, MODE_SILENCE_LATER_S = 0.05, 0.5
-"""Silence after which a remote may have got another data mode and is set again, and the period of
-that while it stays silent: long enough to fill no buffers while it is out of range."""
+"""Silence after which a remote may have another data mode and is set again, and the period of that
+while it stays silent: long enough to fill no buffers while it is out of range."""
 
 KERNEL_LAG_S = 0.02
-"""After a status report the kernel's driver sets a data mode of its own: ours goes after it."""
+"""After a status report the kernel's driver sets its own data mode; ours is sent after it."""
 
 PORT_SETTLE_S = 0.1
 """Time that a change of the extension port must last to count; a MotionPlus that is switched on
-comes and goes for some 40 ms."""
+appears and vanishes for some 40 ms."""
 
 MOTION_PLUS_READY_S = 0.5
-"""The longest that a MotionPlus takes to move to the extension port."""
+"""Longest time that a MotionPlus takes to move to the extension port."""
 
 SUSPECT_AGAIN_S = 2.0
-"""Time between two detections at a port whose data are not as expected."""
+"""Time between two detections at a port with unexpected data."""
 
 LOOK_AGAIN_S = 4.0
 """Period of checks for a MotionPlus: a remote does not report that one was plugged in."""
 
 STATUS_PERIOD_S = 60.0
-"""Between requests for the battery's charge, while no clutch is held."""
+"""Period of requests for the battery's charge while no clutch is held."""
 
 _ACTIVE = (Extension.MOTION_PLUS, Extension.MOTION_PLUS_NUNCHUK, Extension.MOTION_PLUS_CLASSIC)
 
 
 class Pause(NamedTuple):
-    """A step of a script: wait, but no longer than until the extension port is in use."""
+    """Step of a script: wait, at most until the extension port is in use."""
 
     seconds: float
     for_port: bool = False
@@ -89,7 +89,7 @@ Script = Generator[WiimoteRequest | Pause, Answer, None]
 
 
 class Session:
-    """A connection to a remote. Times are monotonic, s."""
+    """Connection to a remote. Times are monotonic, s."""
 
     def __init__(self, options: WiimoteOptions) -> None:
         self._options = options
@@ -99,28 +99,28 @@ class Session:
         self.begin(NEVER_S)
 
     def begin(self, now_s: float) -> None:
-        """The remote was opened (again): nothing is known of it."""
+        """Start with an unknown remote after it was opened."""
         self.requests.reset()
         self.requests.foreign = 0
         self.started = False
-        """The start-up is over: data reports are wanted."""
+        """True after the start-up: data reports are wanted."""
         self.failure = ""
-        """Why the remote cannot be used."""
+        """Reason why the remote cannot be used."""
         self.calibration: AccelerometerCalibration = DEFAULT_ACCELEROMETER
         self.calibration_source: CalibrationSource | None = None
         self.nunchuk: NunchukCalibration | None = None
-        """Calibration of the Nunchuk that is plugged in."""
+        """Calibration of the plugged Nunchuk."""
         self.nunchuk_calibrated = False
         self.other_extension = ""
-        """Any other extension that is plugged in, in words."""
+        """Name of any other plugged extension."""
         self._unanswered = False
         self.motion_plus: MotionPlusCalibration | None = None
-        """Calibration of the MotionPlus that is in use."""
+        """Calibration of the active MotionPlus."""
         self.motion_plus_calibrated = False
         self._camera_format: IrFormat | None = None
         self.status: Status | None = None
         self.changes = 0
-        """Counts changes of the extension port."""
+        """Number of changes of the extension port."""
         self.mode_restores = 0
         self._now_s = now_s
         self._answer: Answer | None = None
@@ -129,7 +129,7 @@ class Session:
         self._resume_s = NEVER_S
         self._for_port = False
         self._port = False
-        """Whether the port was in use when it was last looked at."""
+        """True if the port was in use at the last check."""
         self._port_changed_s: float | None = None
         self._port_suspected = False
         self._detected_s = NEVER_S
@@ -146,13 +146,13 @@ class Session:
 
     @property
     def camera(self) -> bool:
-        """The camera is on."""
+        """True if the camera is on."""
         return self._camera_format is not None
 
     # -- what comes in -------------------------------------------------------------------------
 
     def on_input(self, value: Status | ReadData | Ack, now_s: float) -> None:
-        """Take a report that is no data report."""
+        """Handle a report that is not a data report."""
         if isinstance(value, Status):
             self._on_status(value, now_s)
         answer = self.requests.on_input(value, now_s)
@@ -160,7 +160,7 @@ class Session:
             self._answer = answer
 
     def on_data(self, mode: int, now_s: float) -> None:
-        """A data report of `mode` came."""
+        """Handle a data report of `mode`."""
         self._data_s = now_s
         if mode != self._mode and self.started and now_s - self._mode_sent_s > MODE_AGAIN_S:
             self.mode_restores += 1
@@ -172,13 +172,13 @@ class Session:
             self._port_suspected = True
 
     def show_leds(self, leds: int) -> None:
-        """Light these LEDs; bit 0 is LED 1."""
+        """Switch on these LEDs; bit 0 is LED 1."""
         self._leds = leds
 
     # -- what goes out -------------------------------------------------------------------------
 
     def poll(self, now_s: float, at_rest: bool) -> list[bytes]:
-        """Reports to send now, without the motor's bit. `at_rest`: no clutch is held."""
+        """Return reports to send now, without the motor's bit. `at_rest`: no clutch is held."""
         self._now_s = now_s
         self._advance(now_s)
         if self._script is None and self.started:
@@ -193,7 +193,7 @@ class Session:
         return out
 
     def _advance(self, now_s: float) -> None:
-        """Run the script as far as it goes."""
+        """Run the script until it has to wait."""
         while self._script is not None:
             if self._waiting:
                 sent = self.requests.poll(now_s)
@@ -229,12 +229,12 @@ class Session:
         self._begun = False
 
     def _choose(self, now_s: float, at_rest: bool) -> None:
-        """Begin the script that is due."""
+        """Start the script that is due."""
         if self._port_in_use is self._port:
             self._port_changed_s = None
         elif self._port_changed_s is None:
             self._port_changed_s = now_s
-            self.changes += 1  # At once: what was plugged in has gone, or something was moved.
+            self.changes += 1  # At once: the extension was unplugged, or something was moved.
         changed_s = self._port_changed_s
         if self._port_suspected or (changed_s is not None and now_s - changed_s >= PORT_SETTLE_S):
             self._run(self._detect())
@@ -262,7 +262,7 @@ class Session:
         )
         self.calibration, self.calibration_source = read_accelerometer_calibration(answer.data)
         yield from self._detect()
-        self._data_s = self._now_s  # From now on data is missed.
+        self._data_s = self._now_s  # From now on data are missing.
         self.started = True
 
     def _ask_status(self) -> Script:
@@ -290,7 +290,7 @@ class Session:
     def _start_extension(self) -> Script:
         answer = yield READ_EXTENSION_ID
         if extension_of(answer.data) in _ACTIVE:
-            # Left on by the program before. Off, it shows what is plugged into it.
+            # Left on by the previous program. When off, it shows the extension plugged into it.
             yield MOTION_PLUS_STOP
             yield Pause(PORT_SETTLE_S)
             yield StatusRequest()
@@ -368,7 +368,7 @@ class Session:
 
     @property
     def _extended(self) -> bool:
-        """Data reports carry the extension's bytes."""
+        """True if data reports carry the extension's bytes."""
         return self.nunchuk is not None or self.motion_plus is not None
 
     @property

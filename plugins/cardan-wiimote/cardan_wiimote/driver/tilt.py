@@ -1,4 +1,4 @@
-"""The remote's tilt from its accelerometer, while that measures gravity alone."""
+"""Tilt of the remote from its accelerometer, valid while this measures gravity alone."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ TRUSTED_G = (0.8, 1.2)
 """Outside this range the hand accelerates the remote, and gravity cannot be separated."""
 
 UNCALIBRATED_G = (0.6, 1.4)
-"""Likewise for a remote whose zero is unknown: it may be 0.2 g off."""
+"""The same for a remote whose zero is unknown: it may be 0.2 g off."""
 
 FREEZE_S = 0.25
-"""Time after which a tilt that cannot be measured counts as none."""
+"""Time after which an unmeasurable tilt counts as zero."""
 
 SETTLED = 4.0
 """Time constants of the filter after which earlier input has no effect."""
 
 SAMPLE_S = (0.002, 0.05)
-"""Shortest and longest time that one sample stands for: reports come in bunches."""
+"""Shortest and longest time of one sample: reports arrive in bursts."""
 
 STILL_S, STILL_COSINE = 0.15, math.cos(math.radians(3.0))
 """Time, and angle, within which gravity must keep its direction to be taken as neutral: a hand that
@@ -29,11 +29,11 @@ waves sideways can keep 1 g within the trusted range."""
 
 _UP: Vector = (0.0, 0.0, 1.0)
 _TURNED = -1.0 + 1e-9
-"""Cosine beyond which a remote is upside down, and every way to turn it upright is as short."""
+"""Cosine beyond which a remote is upside down, and all rotations to upright are equally short."""
 
 
 class Tilt:
-    """Low-passed direction of gravity, relative to level or to how the remote was held.
+    """Low-passed direction of gravity, relative to level or to a captured attitude.
 
     Vectors are specific forces in g in the operator's axes: x forward, y left, z up. Times are
     monotonic, s.
@@ -45,7 +45,7 @@ class Tilt:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all measurements; level is neutral."""
+        """Discard all measurements; level is neutral."""
         self._up: Vector | None = None
         self._neutral = _UP
         self._capturing = False
@@ -54,7 +54,7 @@ class Tilt:
         self._sampled_s = self._trusted_s = self._doubted_s = NEVER_S
 
     def update(self, force_g: Vector, now_s: float, calibrated: bool = True) -> None:
-        """Take a sample. `calibrated`: zero and 1 g of this very accelerometer are known."""
+        """Process a sample. `calibrated`: zero and 1 g of this accelerometer are known."""
         x, y, z = force_g
         low, high = TRUSTED_G if calibrated else UNCALIBRATED_G
         since_s, self._sampled_s = now_s - self._sampled_s, now_s
@@ -64,7 +64,7 @@ class Tilt:
             return
         gone_s = FREEZE_S
         if self._capturing and now_s - self._doubted_s < SETTLED / self._rate:
-            gone_s = 0.0  # The filter still holds the attitude of before the hand moved.
+            gone_s = 0.0  # The filter still holds the attitude before the hand moved.
         if self._up is None or now_s - self._trusted_s > gone_s:
             self._up = force_g
         else:
@@ -86,18 +86,18 @@ class Tilt:
             self._neutral = here
 
     def capture(self) -> None:
-        """The attitude that is held still, as far as can be told, is neutral; until there is one
-        there is no tilt."""
+        """Take the attitude that is held still as neutral; until there is one, the tilt is zero."""
         self._capturing = True
 
     def trusted(self, now_s: float) -> bool:
-        """Whether the tilt is known at `now_s`."""
+        """Return True if the tilt is known at `now_s`."""
         return now_s - self._trusted_s <= FREEZE_S
 
     def rolled_and_dipped(self, now_s: float) -> tuple[float, float]:
-        """Tilt to the right and nose down, each in -1..1: its sine by that of the full tilt.
+        """Return tilt to the right and nose down, each in -1..1: its sine relative to that of the
+        full tilt.
 
-        Both fade by themselves as the other nears 90 degrees. (0, 0) where it is not known.
+        Each fades as the other approaches 90 degrees. (0, 0) if unknown.
         """
         if self._up is None or self._capturing or not self.trusted(now_s):
             return 0.0, 0.0
@@ -106,7 +106,7 @@ class Tilt:
 
 
 def _turned(vector: Vector, neutral: Vector) -> Vector:
-    """`vector` turned by the shortest rotation that takes the unit vector `neutral` to +z."""
+    """Return `vector` rotated by the shortest rotation from the unit vector `neutral` to +z."""
     x, y, z = vector
     a, b, c = neutral
     if c < _TURNED:

@@ -1,4 +1,5 @@
-"""Ways to a remote's reports: hidapi, Bluetooth channels, and sockets for simulated remotes."""
+"""Transports of a remote's reports: hidapi, Bluetooth channels, and sockets for simulated
+remotes."""
 
 from __future__ import annotations
 
@@ -37,7 +38,7 @@ if sys.platform == "linux":
     import fcntl
 
 WRITE_TIMEOUT_S = 0.2
-"""Time of not taking a report after which a remote is gone."""
+"""Time without accepting a report after which a remote is lost."""
 
 CONNECT_TIMEOUT_S = 10.0
 """Longer than a Bluetooth adapter pages a remote."""
@@ -46,7 +47,7 @@ _SLICE_S = 0.05
 
 
 class Found(NamedTuple):
-    """A remote that can be tried."""
+    """Remote that can be opened."""
 
     name: str
     transport: str
@@ -55,16 +56,16 @@ class Found(NamedTuple):
     late_model: bool = False
     """A -TR remote."""
     kernel_driver: bool = False
-    """The kernel's driver hid-wiimote is bound to it."""
+    """True if the kernel's driver hid-wiimote is bound to it."""
     obstacle: str = ""
 
 
 class Link(ABC):
-    """An open remote. All methods but close() raise OSError once it is gone."""
+    """Open remote. All methods but close() raise OSError once it is gone."""
 
     @abstractmethod
     def read(self, timeout_s: float) -> bytes | None:
-        """The next report, id first, waiting up to `timeout_s`; None: there is none."""
+        """Return the next report, id first, waiting up to `timeout_s`; None: no report."""
 
     @abstractmethod
     def write(self, report: bytes) -> None:
@@ -72,7 +73,7 @@ class Link(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the connection to the remote. Never raises; twice is fine."""
+        """Close the connection to the remote. Never raises; may be called twice."""
 
 
 class Transport(ABC):
@@ -82,11 +83,11 @@ class Transport(ABC):
 
     @abstractmethod
     def find(self) -> list[Found]:
-        """Find the present remotes. Raises DriverError where this transport does not exist."""
+        """Find the present remotes. Raises DriverError if this transport is unavailable."""
 
     @abstractmethod
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:
-        """Open what find() gave; stop waiting once `given_up`.
+        """Open a remote from find(); stop waiting once `given_up`.
 
         Raises DeviceAccessError that says what to do.
         """
@@ -103,10 +104,10 @@ class HidrawTransport(Transport):
 
     def __init__(self, *, root: Path = Path("/")) -> None:
         self._root = root
-        """Where /sys is."""
+        """Parent folder of /sys."""
 
     def find(self) -> list[Found]:
-        """Remotes, in the order of the system; balance boards and other pads are none."""
+        """Return the remotes in the order of the system, without balance boards and other pads."""
         found = []
         for info in _hidraw().enumerate(NINTENDO, 0):
             product_id, name = info["product_id"], info.get("product_string") or ""
@@ -143,7 +144,7 @@ class HidrawTransport(Transport):
 
 
 class _HidLink(HidDevice, Link):
-    """An open HID device as a link."""
+    """Open HID device as a link."""
 
     def __init__(self, module: ModuleType, path: str, claim: int | None) -> None:
         super().__init__(module, path)
@@ -159,14 +160,14 @@ class _HidLink(HidDevice, Link):
 def _claim(remote: Found) -> int | None:
     """Claim a remote's node among drivers of this kind: hidraw lets any number open it.
 
-    Return the open file that holds the claim; None where there is nothing to claim. Raises
-    DeviceAccessError when another driver has it.
+    Return the open file that holds the claim; None if there is nothing to claim. Raises
+    DeviceAccessError if another driver has it.
     """
     if sys.platform != "linux":
         return None
     try:
         node = os.open(remote.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError:  # hidapi meets the same, and tells.
+    except OSError:  # hidapi gets the same error, and reports it.
         return None
     try:
         fcntl.flock(node, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -176,7 +177,7 @@ def _claim(remote: Found) -> int | None:
             f"cannot open {remote.name}: another session has {remote.path}; give each session a "
             "remote of its own by address or path"
         ) from None
-    except OSError:  # a file system that knows no locks
+    except OSError:  # The file system has no locks.
         os.close(node)
         return None
     return node
@@ -205,7 +206,7 @@ def _hidraw() -> Any:
 
 
 def kernel_driver_bound(path: str, *, root: Path = Path("/")) -> bool:
-    """Whether the kernel's driver hid-wiimote is bound to the device behind /dev/hidrawN."""
+    """Return True if the kernel's driver hid-wiimote is bound to the device of /dev/hidrawN."""
     driver = root / "sys/class/hidraw" / Path(path).name / "device/driver"
     with contextlib.suppress(OSError):
         return Path(os.readlink(driver)).name == "wiimote"
@@ -217,7 +218,7 @@ def kernel_driver_bound(path: str, *, root: Path = Path("/")) -> bool:
 
 
 class ChannelLink(Link):
-    """The two channels of a remote, connected; reports go over the interrupt channel both ways."""
+    """Both connected channels of a remote; reports use the interrupt channel both ways."""
 
     def __init__(self, control: socket.socket, interrupt: socket.socket) -> None:
         self._control, self._interrupt = control, interrupt
@@ -229,14 +230,14 @@ class ChannelLink(Link):
         self._interrupt_number = interrupt.fileno()
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Return a report; empty for a packet that is none; None on a time-out."""
+        """Return a report; empty for another packet; None on a time-out."""
         for number, _ in self._poll.poll(1000.0 * timeout_s):
             if number == self._interrupt_number:
                 packet = self._interrupt.recv(REPORT_ROOM)
                 if not packet:
                     raise OSError(errno.ENOTCONN, "the remote closed its interrupt channel")
                 return packet[1:] if packet[0] == INPUT_HEADER else b""
-            if not self._control.recv(REPORT_ROOM):  # else a handshake, which says nothing
+            if not self._control.recv(REPORT_ROOM):  # Otherwise a handshake, which is ignored.
                 raise OSError(errno.ENOTCONN, "the remote closed its control channel")
         return None
 
@@ -251,7 +252,7 @@ class ChannelLink(Link):
 
 
 class SocketTransport(Transport):
-    """A folder of two Unix sockets, psm11 and psm13, that stand for the channels of a remote."""
+    """Folder of two Unix sockets, psm11 and psm13, in place of the channels of a remote."""
 
     name = "socket"
 
@@ -259,7 +260,7 @@ class SocketTransport(Transport):
         self._folder = folder
 
     def find(self) -> list[Found]:
-        """The one remote, if its sockets are there."""
+        """Return the one remote, if its sockets exist."""
         if not all(os.path.exists(self._socket(psm)) for psm in (CONTROL_PSM, INTERRUPT_PSM)):
             return []
         return [Found("simulated remote", self.name, self._folder)]
@@ -280,7 +281,7 @@ class SocketTransport(Transport):
 
 
 class L2capTransport(Transport):
-    """A remote over Bluetooth channels that the driver itself opens."""
+    """Remote over Bluetooth channels that the driver itself opens."""
 
     name = "l2cap"
 
@@ -288,11 +289,11 @@ class L2capTransport(Transport):
         self._address = address
 
     def find(self) -> list[Found]:
-        """The one remote, which may be out of reach: only connecting tells."""
+        """Return the one remote, which may be out of reach: only a connection shows."""
         return [Found("Wii Remote", self.name, self._address, self._address.upper())]
 
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:
-        """Connect both channels; takes as long as the remote takes to be found."""
+        """Connect both channels; takes as long as the remote is paged."""
 
         def connect(psm: int) -> socket.socket:
             channel = socket.socket(AF_BLUETOOTH, socket.SOCK_SEQPACKET, _BTPROTO_L2CAP)
@@ -313,7 +314,7 @@ class L2capTransport(Transport):
 
 
 def _connect_both(name: str, connect: Callable[[int], socket.socket], hint: str) -> ChannelLink:
-    """Both channels in the order remotes want: control, interrupt."""
+    """Connect both channels in the order that remotes need: control, interrupt."""
     control = None
     try:
         control = connect(CONTROL_PSM)
@@ -331,7 +332,7 @@ _BTPROTO_L2CAP = 0
 
 
 def l2cap_address(address: str, psm: int) -> bytes:
-    """The system's `sockaddr_l2` of a remote's channel."""
+    """Return the system's `sockaddr_l2` of a remote's channel."""
     return (
         AF_BLUETOOTH.to_bytes(2, sys.byteorder)
         + psm.to_bytes(2, "little")
@@ -348,8 +349,8 @@ def connect_by_bytes(
 ) -> None:
     """Connect to a raw socket address. Raises OSError, also after `timeout_s` or once `given_up`.
 
-    Python's own connect() knows Bluetooth addresses only where it was built with BlueZ's headers,
-    which many builds are not; the C library's takes them everywhere.
+    Python's own connect() supports Bluetooth addresses only if it was built with BlueZ's headers,
+    as many builds are not; the C library's always does.
     """
     channel.setblocking(False)
     libc = ctypes.CDLL(None, use_errno=True)

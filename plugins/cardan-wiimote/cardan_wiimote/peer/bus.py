@@ -54,7 +54,7 @@ GYROSCOPES = MotionPlusCalibration(
 """Calibration of a real MotionPlus."""
 
 SWITCH_S = 0.030
-"""How long the port is dead while a MotionPlus moves between its two addresses."""
+"""Time for which the port is dead while a MotionPlus changes its address."""
 FRAME_BYTES = 6
 _NO_DEVICE = b"\xff"
 
@@ -62,7 +62,7 @@ Vector = tuple[float, float, float]
 
 
 def make_eeprom(*, bad_checksum: bool = False, no_calibration: bool = False) -> bytearray:
-    """The remote's EEPROM with both copies of both calibrations."""
+    """Return the remote's EEPROM with both copies of both calibrations."""
     memory = bytearray(EEPROM_BYTES)
     corners = [IrDot(*corner) for corner in ((127, 93), (896, 93), (896, 674), (127, 674))]
     camera = encode_dots(corners, IrFormat.BASIC)
@@ -81,7 +81,7 @@ def make_eeprom(*, bad_checksum: bool = False, no_calibration: bool = False) -> 
 
 
 class Registers:
-    """256 bytes behind a bus address. An access that runs past the end goes on at the start."""
+    """256 bytes behind a bus address. An access beyond the end continues at the start."""
 
     def __init__(self) -> None:
         self.memory = bytearray(256)
@@ -114,7 +114,7 @@ class Nunchuk(Registers):
         self.memory[:FRAME_BYTES] = encode_nunchuk(measured)
 
     def forget(self) -> None:
-        """Lost its power."""
+        """Lose the power."""
         self.initialized = self.encrypted = False
 
     def read(self, offset: int, size: int) -> bytes:
@@ -122,7 +122,7 @@ class Nunchuk(Registers):
             return _NO_DEVICE * size
         data = super().read(offset, size)
         if self.encrypted:
-            # With a key of zeros, which is what the old initialization sets.
+            # With a key of zeros, which the old initialization sets.
             data = bytes(((byte - 0x17) & 255) ^ 0x17 for byte in data)
         return data
 
@@ -138,7 +138,7 @@ class Nunchuk(Registers):
 
 
 class MotionPlus(Registers):
-    """Three gyroscopes that listen at one address and speak at another."""
+    """Three gyroscopes that receive at one address and send at another."""
 
     def __init__(
         self, *, built_in: bool, no_calibration: bool = False, noise_lsb: int = 0, seed: int = 0
@@ -153,7 +153,7 @@ class MotionPlus(Registers):
         self.mode = 0
         """PASS_NONE, PASS_NUNCHUK or PASS_CLASSIC while active, else 0."""
         self.becomes: int | None = None
-        """The mode it is changing to; the port is dead meanwhile."""
+        """Mode that it is changing to; the port is dead meanwhile."""
         self.ready_s = math.inf
         self._was = 0
         self._own_turn = True
@@ -181,7 +181,7 @@ class MotionPlus(Registers):
             self.ready_s = now_s + SWITCH_S
 
     def arrive(self) -> None:
-        """The move to another address is over."""
+        """Complete the change of address."""
         assert self.becomes is not None
         self._was, self.mode, self.becomes = self.mode or self._was, self.becomes, None
         self.ready_s = math.inf
@@ -189,12 +189,12 @@ class MotionPlus(Registers):
         self._identify()
 
     def forget(self) -> None:
-        """Lost its power."""
+        """Lose the power."""
         self.mode, self.becomes, self.ready_s, self._was = 0, None, math.inf, 0
         self._identify()
 
     def frame(self, passed: Nunchuk | None) -> bytes:
-        """Its next frame, or every second time that of the extension behind it."""
+        """Return its next frame, or every second time that of the extension behind it."""
         if self._garbage:
             self._garbage = False
             return self._random.randbytes(5) + b"\x03"
@@ -225,19 +225,20 @@ class MotionPlus(Registers):
 
 
 class Camera(Registers):
-    """The infrared camera; it sees dots once it runs."""
+    """Infrared camera, which sees dots once it runs."""
 
     def __init__(self) -> None:
         super().__init__()
         self.dots: tuple[IrDot, ...] = ()
 
     def data(self, ir_format: IrFormat) -> bytes:
-        """Return the camera's bytes in a report of that format: all FF unless it runs in it."""
+        """Return the camera's bytes in a report of that format: all FF unless it runs in this
+        format."""
         running = self.memory[0x30] == 0x08 and self.memory[0x33] == ir_format
         return encode_dots(self.dots if running else (), ir_format)
 
     def power_down(self) -> None:
-        """Switched off: it forgets."""
+        """Switch off, and lose all settings."""
         self.memory[:] = bytes(256)
 
 
@@ -269,7 +270,7 @@ class ExtensionPort:
 
     @property
     def connected(self) -> bool:
-        """The flag of the status report: something answers at the port."""
+        """Flag of the status report: a device answers at the port."""
         return self.device(PORT) is not None
 
     def advance(self, now_s: float) -> None:
@@ -289,7 +290,7 @@ class ExtensionPort:
         return plus if plus.active else None
 
     def data(self, size: int) -> bytes:
-        """The extension's bytes of a data report: FF when there is nothing."""
+        """Return the extension's bytes of a data report: FF if there is none."""
         plus = self.motion_plus
         if plus is not None and plus.active:
             return plus.frame(self.nunchuk).ljust(size, b"\0")
@@ -309,7 +310,7 @@ class ExtensionPort:
         self.nunchuk = None
 
     def power_down(self) -> None:
-        """The remote was switched off."""
+        """Switch the remote off."""
         for device in (self.nunchuk, self.motion_plus):
             if device is not None:
                 device.forget()

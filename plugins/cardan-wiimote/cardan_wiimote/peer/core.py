@@ -1,6 +1,6 @@
 """A simulated Wii Remote, without any I/O and in virtual time.
 
-Source: WiiBrew, Dolphin's emulated remote, and what real drivers were seen to do.
+Source: WiiBrew, Dolphin's emulated remote, and the observed behavior of real drivers.
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 ExtensionName = Literal["", "nunchuk"]
-"""Extension that is plugged in; empty: none."""
+"""Plugged extension; empty: none."""
 NoiseLsb = Annotated[int, Range(0, 50, "counts", "what the gyroscopes have four times as much of")]
 TICK_S = 0.010
 """Period of the data reports and of the pieces of a read."""
 TICK_JITTER_S = 0.001
-"""A report is this much early or late at most."""
+"""Largest deviation of a report from its time."""
 LINK_TIMEOUT_S = 2.0
-"""Silence after which either end of a radio link gives it up."""
+"""Silence after which either end of a radio link drops it."""
 BATTERY = 0xC0
 BATTERY_EMPTY = 0x1A
 LOG_ENTRIES = 4096
@@ -96,7 +96,7 @@ class LogEntry(NamedTuple):
 
 
 class _Read(NamedTuple):
-    """A read of memory under way."""
+    """Active read of memory."""
 
     space: int
     address: int
@@ -105,7 +105,7 @@ class _Read(NamedTuple):
 
 
 class SimulatedWiimote:
-    """A remote: give it attitude, buttons and the host's reports, it gives the reports it sends.
+    """Reports of a remote for given attitude, buttons and reports of the host.
 
     Time is in seconds from when it was switched on and never goes back. `extension` is "nunchuk"
     or "". `tr`: the late model with the MotionPlus inside, which obeys on the interrupt channel
@@ -146,7 +146,7 @@ class SimulatedWiimote:
         self.powered = True
         self.in_range = True
         self.connected = False
-        """A host has both channels open, as far as the remote knows."""
+        """True if a host has both channels open, as far as the remote knows."""
         self.control_open = False
         self.interrupt_open = False
         self.battery = BATTERY
@@ -205,14 +205,14 @@ class SimulatedWiimote:
         self._measure()
 
     def set_acceleration(self, acceleration_g: Vector) -> None:
-        """Besides gravity, along the remote's own forward, left and up, g."""
+        """Set the acceleration besides gravity, along the remote's own forward, left and up, g."""
         if not all(map(math.isfinite, acceleration_g)):
             raise ValueError(f"acceleration must be finite, not {acceleration_g}")
         self._acceleration_g = acceleration_g
         self._measure()
 
     def set_stick(self, x: float, y: float) -> None:
-        """The Nunchuk's stick, -1..1: x to the right, y forward."""
+        """Set the Nunchuk's stick, -1..1: x to the right, y forward."""
         if not (math.isfinite(x) and math.isfinite(y)):
             raise ValueError(f"stick must be finite, not {(x, y)}")
         self._stick = (min(1.0, max(-1.0, x)), min(1.0, max(-1.0, y)))
@@ -223,7 +223,8 @@ class SimulatedWiimote:
         self.camera.dots = tuple(dots[:4])
 
     def press(self, label: str) -> None:
-        """Press a button of the remote, or c or z of a Nunchuk. ScriptError: there is none."""
+        """Press a button of the remote, or c or z of a Nunchuk. Raises ScriptError for other
+        labels."""
         self._push(label, True)
 
     def release(self, label: str) -> None:
@@ -263,22 +264,22 @@ class SimulatedWiimote:
         self.powered = True
 
     def leave(self, now_s: float) -> None:
-        """Out of radio range: silence, and after `LINK_TIMEOUT_S` no link."""
+        """Leave the radio range: silence, and after `LINK_TIMEOUT_S` no link."""
         self._produce(now_s)
         self._leave()
 
     def come_back(self, now_s: float) -> None:
-        """Return into range: a link that was not given up goes on."""
+        """Return into range: a link that was not dropped continues."""
         self._produce(now_s)
         self._come_back()
 
     def silence(self, now_s: float) -> None:
-        """Neither send nor obey, with the link up, until `resume`."""
+        """Neither send nor receive, with the link up, until `resume`."""
         self._produce(now_s)
         self._silent = True
 
     def resume(self, now_s: float) -> None:
-        """End of the silence."""
+        """End the silence."""
         self._produce(now_s)
         self._silent = False
 
@@ -286,16 +287,17 @@ class SimulatedWiimote:
 
     @property
     def plugged(self) -> bool:
-        """Whether a host can find it: switched on, and in range."""
+        """True if a host can find it: switched on, and in range."""
         return self.powered and self.in_range
 
     @property
     def reachable(self) -> bool:
-        """Whether a host can connect now."""
+        """True if a host can connect now."""
         return self.plugged and not self.connected
 
     def connect(self, now_s: float) -> bool:
-        """A host has opened both channels. False: the remote does not answer."""
+        """Connect a host, which has opened both channels; return False if the remote does not
+        answer."""
         self._produce(now_s)
         if not self.reachable:
             return False
@@ -314,19 +316,19 @@ class SimulatedWiimote:
         return True
 
     def disconnect(self, now_s: float) -> None:
-        """The host has closed a channel: that ends both."""
+        """Handle a channel closed by the host, which ends both."""
         self._produce(now_s)
         self._end("the host closed the link")
 
     def interrupt(self, packet: bytes, now_s: float) -> None:
-        """Take a packet of the interrupt channel, header first."""
+        """Handle a packet of the interrupt channel, header first."""
         if packet[:1] == bytes((OUTPUT_HEADER,)):
             self.output(packet[1:], now_s)
         else:
             self.ignored_outputs += 1
 
     def control(self, packet: bytes, now_s: float) -> bytes:
-        """Take a packet of the control channel, header first; the answer there, if any."""
+        """Handle a packet of the control channel, header first; return the reply there, if any."""
         self._produce(now_s)
         if not self._can_receive:
             return b""
@@ -339,7 +341,7 @@ class SimulatedWiimote:
         return bytes((HANDSHAKE_OK,))
 
     def output(self, report: bytes, now_s: float) -> None:
-        """Take an output report, id first."""
+        """Handle an output report, id first."""
         self._produce(now_s)
         if not self._can_receive:
             return
@@ -384,12 +386,13 @@ class SimulatedWiimote:
         return min(self._next_happening_s, self._link.next_due_s)
 
     def reports(self, now_s: float) -> list[bytes]:
-        """The input reports that reach the host from the last call until `now_s`, id first."""
+        """Return the input reports that reach the host from the last call until `now_s`, id
+        first."""
         self._produce(now_s)
         return self._link.arrived(now_s)
 
     def skip_to(self, now_s: float) -> None:
-        """Send no data for the time before `now_s`, which was not simulated."""
+        """Skip the data before `now_s`, which was not simulated."""
         if self._tick_due_s < now_s:
             self._tick = math.ceil((now_s - self._connected_s) / TICK_S)
             self._plan_tick()
@@ -397,7 +400,7 @@ class SimulatedWiimote:
     # -- time ----------------------------------------------------------------------------------
 
     def _plan(self, faults: Mapping[str, float]) -> list[tuple[float, Callable[[], None]]]:
-        """Return the timed acts of faults, in order: time, act."""
+        """Return the timed actions of faults, in order: time, action."""
         acts: dict[str, Callable[[], None]] = {
             "silence": self._fall_silent,
             "out-of-range": self._leave,
@@ -507,7 +510,7 @@ class SimulatedWiimote:
             report = self._half_report()
         else:
             report = self._data_report(self.mode)
-        # The MotionPlus alternates and the halves take turns, so both always differ.
+        # The MotionPlus alternates and the halves alternate: both always differ.
         if self.continuous or self._send_first or report != self._last_data:
             self._send_first = False
             self._last_data = report
@@ -627,7 +630,7 @@ class SimulatedWiimote:
         else:
             device = self._registers(read.address)
             if isinstance(device, int):
-                error = device  # unplugged meanwhile
+                error = device  # Unplugged meanwhile.
             else:
                 data = device.read(address & 0xFF, size)
         self._carry(encode_read_data(ReadData(self._buttons, error, address, data)))
@@ -651,10 +654,10 @@ class SimulatedWiimote:
     # -- what is measured ----------------------------------------------------------------------
 
     def _measure(self) -> None:
-        """Gravity, acceleration and turn rates as the sensors have them."""
+        """Compute gravity, acceleration and angular rates in the sensors' axes."""
         roll, pitch, _ = self._angles
         roll_rate, pitch_rate, yaw_rate = self._angle_rates
-        # The remote's forward, left and up; pitching up turns it backwards about its left.
+        # The remote's forward, left and up; pitching up rotates it backwards about its left.
         forward, left, up = self._acceleration_g
         level = math.cos(pitch)
         force = (
@@ -677,7 +680,7 @@ class SimulatedWiimote:
                 NunchukData(
                     _stick_reading(self._stick[0], calibration.stick_x),
                     _stick_reading(self._stick[1], calibration.stick_y),
-                    # It hangs level at the end of its cable, whatever the remote does.
+                    # It hangs level at the end of its cable, independent of the remote.
                     from_g((0.0, 0.0, 1.0), calibration.zero, calibration.one_g),
                     self._c,
                     self._z,
@@ -724,7 +727,7 @@ class SimulatedWiimote:
         self.logged += 1
 
     def _end(self, why: str) -> None:
-        """Both channels close; the motor stops."""
+        """Close both channels; the motor stops."""
         self._given_up_s = math.inf
         if not self.connected:
             return

@@ -1,4 +1,4 @@
-"""The faults a simulated remote can have, and the radio link that mangles its reports."""
+"""Faults of a simulated remote, and the radio link that alters its reports."""
 
 from __future__ import annotations
 
@@ -48,21 +48,21 @@ FAULTS = (
 _UNKNOWN_ID = 0x2A
 
 SLOT_PAIR_S = 2 * 625e-6
-"""The remote has every other time slot of Bluetooth, of 625 µs; a report goes in one.
-Source: Bluetooth Core Specification, baseband."""
+"""The remote sends in every other Bluetooth time slot of 625 µs, one report in each. Source:
+Bluetooth Core Specification, baseband."""
 WAITING_REPORTS = 32
-"""Reports that the remote keeps for slots to come; more are lost."""
+"""Reports that the remote queues for later slots; more are lost."""
 
 
 def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
-    """Raise ScriptError for a fault that does not exist or does not fit."""
+    """Raise ScriptError for an unknown or unsuitable fault."""
     base.check_faults(faults, FAULTS)
     if "woken-by-1-2" in faults and not tr:
         raise ScriptError("fault woken-by-1-2: only a -TR remote has it")
 
 
 class FaultyLink(DelayLine):
-    """The radio link between remote and host: carries reports, mangles or delays them.
+    """Radio link between remote and host: carries, corrupts or delays reports.
 
     Reports arrive when they are sent, so a few may come at once; but no more of them than there are
     slots, however many a host asks for.
@@ -73,10 +73,10 @@ class FaultyLink(DelayLine):
         self._data_reports = 0
         self._free_s = 0.0
         self.lost = 0
-        """Reports that found `WAITING_REPORTS` others waiting for a slot."""
+        """Number of reports that found `WAITING_REPORTS` others in the queue."""
 
     def carry(self, report: bytes, sent_s: float) -> None:
-        """Take any report, sent at `sent_s`, for which there is a slot."""
+        """Carry any report sent at `sent_s`, if a slot is free."""
         slot_s = max(sent_s, self._free_s)
         if slot_s - sent_s > WAITING_REPORTS * SLOT_PAIR_S:
             self.lost += 1
@@ -85,7 +85,7 @@ class FaultyLink(DelayLine):
         super().carry(report, sent_s)
 
     def carry_data(self, report: bytes, sent_s: float) -> None:
-        """Take a data report, sent at `sent_s`."""
+        """Carry a data report sent at `sent_s`."""
         self._data_reports += 1
         if self._strikes("unknown-id", self._data_reports):
             self.carry(bytes((_UNKNOWN_ID,)) + self._random.randbytes(6), sent_s)

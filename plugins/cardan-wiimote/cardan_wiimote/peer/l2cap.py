@@ -1,6 +1,6 @@
 """The two L2CAP channels of a Bluetooth HID device, real ones or on Unix sockets.
 
-A backend opens channels and passes packets on; the remote interprets them.
+A backend opens channels and forwards packets; the remote interprets them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.protocol import CONTROL_PSM, INPUT_HEADER, INTERRUPT_PSM
 
 AF_BLUETOOTH = 31
-"""Linux's number; a Python built without Bluetooth headers has no name for it."""
+"""Linux's number; a Python built without Bluetooth headers has no constant for it."""
 _ADVICE = Advice(
     no_socket="give another directory",
     served="end it or give another one",
@@ -42,27 +42,28 @@ class Remote(Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether the remote is connected to a host."""
+        """True if the remote is connected to a host."""
 
     @property
     def control_open(self) -> bool:
-        """Whether the remote keeps the control channel open."""
+        """True if the remote keeps the control channel open."""
 
     @property
     def interrupt_open(self) -> bool:
-        """Whether the remote keeps the interrupt channel open."""
+        """True if the remote keeps the interrupt channel open."""
 
     def connect(self, now_s: float) -> bool:
-        """A host has opened both channels. False: the remote does not answer."""
+        """Connect a host, which has opened both channels; return False if the remote does not
+        answer."""
 
     def disconnect(self, now_s: float) -> None:
-        """The host has closed a channel."""
+        """Handle a channel closed by the host."""
 
     def interrupt(self, packet: bytes, now_s: float) -> None:
-        """Take a packet of the interrupt channel, header first."""
+        """Handle a packet of the interrupt channel, header first."""
 
     def control(self, packet: bytes, now_s: float) -> bytes:
-        """Take a packet of the control channel, header first; the answer there, if any."""
+        """Handle a packet of the control channel, header first; return the reply there, if any."""
 
 
 class ChannelBackend(DeviceBackend[bytes]):
@@ -76,11 +77,11 @@ class ChannelBackend(DeviceBackend[bytes]):
         self._listeners: dict[int, socket.socket] = {}
         self._channels: dict[int, socket.socket] = {}
         self.lost = 0
-        """Reports dropped because the host had no room for them."""
+        """Number of reports dropped because the host had no room for them."""
 
     @property
     def there(self) -> bool:
-        """Whether hosts can connect."""
+        """True if hosts can connect."""
         return bool(self._listeners)
 
     @property
@@ -93,10 +94,10 @@ class ChannelBackend(DeviceBackend[bytes]):
 
     @abstractmethod
     def _bind(self, psm: int) -> socket.socket:
-        """A bound socket for this channel. Raises AddressError."""
+        """Return a bound socket for this channel. Raises AddressError."""
 
     def _unbind(self, psm: int) -> None:
-        """The socket of this channel was closed."""
+        """Handle the closing of this channel's socket."""
 
     def appear(self) -> None:
         """Listen. Raises AddressError."""
@@ -111,7 +112,7 @@ class ChannelBackend(DeviceBackend[bytes]):
             raise
 
     def vanish(self) -> None:
-        """Listen no more; channels that are open stay so."""
+        """Stop listening; open channels stay open."""
         for psm, listener in tuple(self._listeners.items()):
             self._forget(listener)
             self._unbind(psm)
@@ -152,11 +153,11 @@ class ChannelBackend(DeviceBackend[bytes]):
                 self._forget(channel)
 
     def _accept(self) -> None:
-        """A host connects.
+        """Accept a host.
 
-        Several hosts may have come and gone since the last time. An interrupt channel is taken
-        out before the control channels: its own is then among those that have come, or its host
-        has left since.
+        Several hosts may have connected and left since the last call. An interrupt channel is
+        accepted before the control channels: its own is then among these, or its host has left
+        since.
         """
         interrupts = self._waiting(INTERRUPT_PSM, 1)
         controls = self._waiting(CONTROL_PSM, _BACKLOG)
@@ -165,7 +166,7 @@ class ChannelBackend(DeviceBackend[bytes]):
         self._settle()
         if not self._interrupt_up:
             if controls:
-                # A host that opened no more than this channel gives way to the next one.
+                # A host with only this channel yields to the next one.
                 self._hang_up(interrupt=False)
                 own = [c for c in controls if interrupts and _host(c) == _host(interrupts[0])]
                 newest = (own or controls)[-1]
@@ -177,14 +178,14 @@ class ChannelBackend(DeviceBackend[bytes]):
                 if not self._remote.connect(self.shell.device_s()):
                     self._hang_up()
         for channel in (*controls, *interrupts):
-            channel.close()  # it has a host, or the order is wrong
+            channel.close()  # It has a host, or the order is wrong.
 
     def _next(self, listener: socket.socket) -> socket.socket:
-        """A channel that waits to be accepted. Raises OSError when none does."""
+        """Return a channel that waits to be accepted. Raises OSError if none does."""
         return listener.accept()[0]
 
     def _waiting(self, psm: int, most: int) -> list[socket.socket]:
-        """Channels that wait to be accepted and have not been closed again."""
+        """Return channels that wait to be accepted and have not been closed again."""
         channels: list[socket.socket] = []
         with contextlib.suppress(OSError):
             while psm in self._listeners and len(channels) < most:
@@ -226,7 +227,7 @@ class ChannelBackend(DeviceBackend[bytes]):
                 self._receive(psm, channel)
 
     def _lose(self) -> None:
-        """The host closed a channel, which ends both."""
+        """Handle a channel closed by the host, which ends both."""
         self._process_pending()
         self._hang_up()
         self._remote.disconnect(self.shell.device_s())
@@ -246,7 +247,7 @@ class ChannelBackend(DeviceBackend[bytes]):
 
 
 class UnixChannels(ChannelBackend):
-    """Sockets (AF_UNIX, SOCK_SEQPACKET) `psm11` and `psm13` in a directory."""
+    """Unix sockets (SOCK_SEQPACKET) `psm11` and `psm13` in a directory."""
 
     def __init__(self, remote: Remote, directory: str, mode: int = OWNER_ONLY) -> None:
         super().__init__(remote)
@@ -257,7 +258,7 @@ class UnixChannels(ChannelBackend):
 
     @property
     def endpoint(self) -> str:
-        """The sockets' directory."""
+        """Directory of the sockets."""
         return self._directory
 
     def open(self, shell: Shell) -> None:
@@ -296,7 +297,7 @@ class UnixChannels(ChannelBackend):
 
 
 class BluetoothChannels(ChannelBackend):
-    """L2CAP sockets of a Bluetooth adapter, given by its address; all zeros: any."""
+    """L2CAP sockets of a Bluetooth adapter with this address; all zeros: any."""
 
     def __init__(self, remote: Remote, adapter: str) -> None:
         super().__init__(remote)
@@ -305,7 +306,7 @@ class BluetoothChannels(ChannelBackend):
 
     @property
     def endpoint(self) -> str:
-        """The adapter."""
+        """Address of the adapter."""
         return f"bluetooth {self._adapter}"
 
     def _bind(self, psm: int) -> socket.socket:
@@ -313,7 +314,7 @@ class BluetoothChannels(ChannelBackend):
             listener = socket.socket(AF_BLUETOOTH, socket.SOCK_SEQPACKET, 0)
         except OSError as error:
             raise AddressError(f"this system has no Bluetooth: {error.strerror or error}") from None
-        # By libc: Python knows how to write these addresses only if it was built with Bluetooth.
+        # By libc: Python can encode these addresses only if it was built with Bluetooth.
         libc = ctypes.CDLL(None, use_errno=True)
         address = sockaddr_l2(self._bdaddr, psm)
         if libc.bind(listener.fileno(), address, len(address)) != 0:
@@ -331,7 +332,7 @@ class BluetoothChannels(ChannelBackend):
         return listener
 
     def _next(self, listener: socket.socket) -> socket.socket:
-        # By libc, too: a Python without Bluetooth refuses the address that accept() gives.
+        # By libc too: a Python without Bluetooth rejects the address from accept().
         libc = ctypes.CDLL(None, use_errno=True)
         number = libc.accept4(listener.fileno(), None, None, socket.SOCK_CLOEXEC)
         if number < 0:
@@ -340,7 +341,7 @@ class BluetoothChannels(ChannelBackend):
 
 
 def _host(channel: socket.socket) -> object:
-    """Tells hosts apart: by process on Unix sockets, by address on others."""
+    """Distinguish hosts: by process on Unix sockets, by address on others."""
     if channel.family == socket.AF_UNIX and hasattr(socket, "SO_PEERCRED"):
         return channel.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size)[:4]
     try:
@@ -356,12 +357,12 @@ def _hung_up(channel: socket.socket) -> bool:
 
 
 def parse_address(text: str) -> bytes:
-    """A Bluetooth address as it is on the wire: last printed octet first. Raises OptionError."""
+    """Return a Bluetooth address in wire order: last printed octet first. Raises OptionError."""
     require(text in BLUETOOTH_ADDRESS, "address", text, str(BLUETOOTH_ADDRESS))
     return bytes.fromhex(text.replace(":", ""))[::-1]
 
 
 def sockaddr_l2(bdaddr: bytes, psm: int) -> bytes:
-    """Linux's struct sockaddr_l2 for a wire-order address."""
+    """Return Linux's struct sockaddr_l2 for a wire-order address."""
     family = struct.pack("=H", AF_BLUETOOTH)
     return family + _SOCKADDR_L2.pack(0, psm, bdaddr, 0, 0)[2:]

@@ -1,4 +1,4 @@
-"""Motion scripts: what an operator does with the simulated remote, as a function of time."""
+"""Motion scripts of the operator of a simulated remote, as a function of time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cardan_wiimote.protocol import BUTTONS, IrDot
 from cardan_wiimote.protocol.camera import HEIGHT, WIDTH
 
 MOTION_PERIOD_S = 0.005
-"""How often a motion is sampled."""
+"""Sample period of a motion."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "tilt": "tilt ROLL PITCH YAW [over SECONDS] (ramp the angles there)",
@@ -59,8 +59,8 @@ SCRIPTS: Mapping[str, str] = {
     "rest": """
         # level and still, no buttons
     """,
-    # Swings take the remote back to level, A and B alone are held as long as each other, and the
-    # tilt that letting go interrupts has the same area as the one back: all integrates to zero.
+    # Swings take the remote back to level, A and B alone are held equally long, and the tilt that
+    # the release interrupts has the same area as the one back: all integrates to zero.
     "demo": """
         # 24 s: A and B each alone and together, tilts, yaw mode, letting go in mid-tilt
         1.0   press a                                  # the dead-man
@@ -193,7 +193,7 @@ SCRIPTS: Mapping[str, str] = {
 class ScriptedWiimote(MotionScript[SimulatedWiimote]):
     """Plays the steps of a script on a remote.
 
-    Raises ScriptError also for steps that need a Nunchuk when `extension` is not one and the script
+    Raises ScriptError also for steps that need a Nunchuk if `extension` is none and the script
     plugs none.
     """
 

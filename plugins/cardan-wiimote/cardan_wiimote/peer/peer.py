@@ -25,7 +25,7 @@ from cardan_wiimote.protocol import (
 )
 
 RECONNECT_S = 1.0
-"""How long a remote that a host once paired takes to connect again, by itself."""
+"""Time that a paired remote takes to reconnect by itself."""
 _HANDSHAKE_OK = b"\0"
 
 _log = logging.getLogger(__name__)
@@ -36,7 +36,8 @@ class WiimotePeerOptions(DeviceNodeOptions):
     """Options of the simulated remote. Exactly one of `l2cap`, `bluetooth`, `uhid` is required."""
 
     l2cap: str = option("", "Folder for the Unix seqpacket sockets psm11 and psm13.", metavar="DIR")
-    """The first is the control channel's, the second the interrupt channel's."""
+    """Path of the folder; the first socket is the control channel's, the second the interrupt
+    channel's."""
     bluetooth: str = option(
         "", "Real L2CAP, on the Bluetooth adapter of this address.", metavar="ADDRESS"
     )
@@ -60,7 +61,7 @@ class WiimotePeerOptions(DeviceNodeOptions):
 
 
 class UhidRemote(UhidBackend):
-    """A HID device that the Linux kernel takes for a remote connected over Bluetooth."""
+    """HID device that the Linux kernel treats as a remote connected over Bluetooth."""
 
     def __init__(self, remote: SimulatedWiimote, address: str) -> None:
         parse_address(address)
@@ -79,24 +80,24 @@ class UhidRemote(UhidBackend):
 
     @property
     def endpoint(self) -> str:
-        """The remote's address."""
+        """Address of the remote."""
         return f"uhid {self._address}"
 
     def appear(self) -> None:
-        """Connect, unless it has just hung up."""
-        # The kernel is the host, so the link is up as soon as the device is.
+        """Connect, unless it has just disconnected."""
+        # The kernel is the host: the link is up at once.
         if time.monotonic() >= self._again_s:
             self.shell.begin()
             if self._remote.connect(self.shell.device_s()):
                 super().appear()
 
     def vanish(self) -> None:
-        """Hang up, once the remote has given the link up."""
+        """Disconnect, once the remote has dropped the link."""
         if not self._remote.connected:
             self._hang_up()
 
     def attend(self, now_s: float) -> None:
-        """Hang up when the remote has closed a channel: the kernel drops a device at either."""
+        """Disconnect after the remote has closed a channel: the kernel drops a device at either."""
         if not (self._remote.control_open and self._remote.interrupt_open):
             self._hang_up()
 
@@ -112,15 +113,15 @@ class UhidRemote(UhidBackend):
             self._remote.disconnect(self.shell.device_s())
 
     def _set_report(self, report: bytes) -> bool:
-        """Take an output report as if it came on the control channel."""
+        """Handle an output report as one of the control channel."""
         packet = bytes((SET_REPORT_HEADER,)) + report
         return self._remote.control(packet, self.shell.device_s()) == _HANDSHAKE_OK
 
 
 class WiimotePeer(DevicePeer[SimulatedWiimote, bytes]):
-    """A simulated remote that one host at a time can connect to, again and again.
+    """Simulated remote that one host at a time can connect to, repeatedly.
 
-    Raises ScriptError for a script or fault that does not exist or does not fit.
+    Raises ScriptError for an unknown or unsuitable script or fault.
     """
 
     def __init__(self, options: WiimotePeerOptions) -> None:

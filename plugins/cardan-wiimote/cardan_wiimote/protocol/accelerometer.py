@@ -16,7 +16,7 @@ from typing import NamedTuple
 from cardan_wiimote.protocol.inputs import Triple
 
 EEPROM_BYTES = 0x1700
-"""Readable bytes; a request that reaches beyond fails whole."""
+"""Readable bytes; a request beyond them fails completely."""
 CAMERA_CALIBRATION_ADDRESSES = (0x0000, 0x000B)
 CAMERA_CALIBRATION_BYTES = 11
 ACCELEROMETER_CALIBRATION_ADDRESSES = (0x0016, 0x0020)
@@ -36,7 +36,7 @@ class AccelerometerCalibration(NamedTuple):
     zero: Triple
     one_g: Triple
     volume: int = 0x40
-    """Speaker volume (7 bits) and the motor's enable bit; not ours to use."""
+    """Speaker volume (7 bits) and the motor's enable bit; not used by Cardan."""
 
 
 DEFAULT_ACCELEROMETER = AccelerometerCalibration((512, 512, 512), (616, 616, 616))
@@ -44,7 +44,7 @@ DEFAULT_ACCELEROMETER = AccelerometerCalibration((512, 512, 512), (616, 616, 616
 
 
 class CalibrationSource(enum.Enum):
-    """Which block a calibration comes from."""
+    """Block that a calibration comes from."""
 
     FIRST = "first"
     SECOND = "second"
@@ -52,7 +52,7 @@ class CalibrationSource(enum.Enum):
 
 
 def checksum(block: bytes) -> int:
-    """The last byte of a calibration block, from the bytes before."""
+    """Return the last byte of a calibration block, from the bytes before."""
     return (sum(block) + CHECKSUM_SEED) & 0xFF
 
 
@@ -69,7 +69,7 @@ def decode_accelerometer_calibration(block: bytes) -> AccelerometerCalibration |
 
 
 def encode_accelerometer_calibration(value: AccelerometerCalibration) -> bytes:
-    """The block of ten bytes. Raises ValueError for what does not fit."""
+    """Encode the block of ten bytes. Raises ValueError for values that do not fit."""
     body = encode_points(value.zero, value.one_g) + bytes((value.volume,))
     return body + bytes((checksum(body),))
 
@@ -77,7 +77,8 @@ def encode_accelerometer_calibration(value: AccelerometerCalibration) -> bytes:
 def read_accelerometer_calibration(
     both: bytes,
 ) -> tuple[AccelerometerCalibration, CalibrationSource]:
-    """The calibration from the 20 bytes at 0x0016: first block, else second, else defaults."""
+    """Return the calibration from the 20 bytes at 0x0016: first block, else second, else
+    defaults."""
     first = decode_accelerometer_calibration(both[:10])
     if first is not None:
         return first, CalibrationSource.FIRST
@@ -88,7 +89,7 @@ def read_accelerometer_calibration(
 
 
 def points(block: bytes) -> tuple[Triple, Triple]:
-    """Zero and 1 g of the first eight bytes of a block (the Nunchuk's is alike)."""
+    """Return zero and 1 g from the first eight bytes of a block, also of a Nunchuk's."""
     x0, y0, z0, low0, x1, y1, z1, low1 = block[:8]
     return (
         (x0 << 2 | low0 >> 4 & 3, y0 << 2 | low0 >> 2 & 3, z0 << 2 | low0 & 3),
@@ -97,7 +98,7 @@ def points(block: bytes) -> tuple[Triple, Triple]:
 
 
 def encode_points(zero: Triple, one_g: Triple) -> bytes:
-    """The first eight bytes of a block. Raises ValueError for counts beyond 0..1023."""
+    """Encode the first eight bytes of a block. Raises ValueError for counts beyond 0..1023."""
     body = bytearray()
     for x, y, z in (zero, one_g):
         if not all(0 <= value <= COUNTS_MAX for value in (x, y, z)):
@@ -107,7 +108,7 @@ def encode_points(zero: Triple, one_g: Triple) -> bytes:
 
 
 def to_g(counts: Sequence[int], zero: Triple, one_g: Triple) -> Vector:
-    """Specific force in g along the remote's axes."""
+    """Return the specific force in g along the remote's axes."""
     x, y, z = counts
     return (
         (x - zero[0]) / (one_g[0] - zero[0]),
@@ -117,7 +118,7 @@ def to_g(counts: Sequence[int], zero: Triple, one_g: Triple) -> Vector:
 
 
 def from_g(force_g: Sequence[float], zero: Triple, one_g: Triple) -> Triple:
-    """The nearest counts, clipped to 0..1023: the inverse of `to_g`."""
+    """Return the nearest counts, clipped to 0..1023: the inverse of `to_g`."""
     x, y, z = (
         min(COUNTS_MAX, max(0, round(a + g * (b - a))))
         for g, a, b in zip(force_g, zero, one_g, strict=True)
@@ -126,7 +127,8 @@ def from_g(force_g: Sequence[float], zero: Triple, one_g: Triple) -> Triple:
 
 
 def roll_and_pitch_rad(force_g: Sequence[float]) -> tuple[float, float]:
-    """Roll (positive: right side down) and pitch (positive: nose up) of a remote at rest, rad.
+    """Return roll (positive: right side down) and pitch (positive: nose up) of a remote at rest,
+    rad.
 
     Valid while gravity is the only acceleration; roll is undefined near a pitch of 90 degrees.
     """
@@ -144,6 +146,6 @@ def to_operator_axes(vector: Sequence[float]) -> Vector:
 
 
 def from_operator_axes(vector: Sequence[float]) -> Vector:
-    """The inverse of `to_operator_axes`."""
+    """Inverse of `to_operator_axes`."""
     x, y, z = vector
     return (y, 0.0 - x, z)

@@ -40,7 +40,7 @@ class IrDot(NamedTuple):
 
 
 Dots = tuple[IrDot | None, ...]
-"""Four dots; None where the camera sees none."""
+"""Four dots; None for those that the camera does not see."""
 
 
 def camera_start(
@@ -69,7 +69,7 @@ def camera_stop() -> tuple[OutputReport, ...]:
 
 
 def decode_dots(data: bytes, ir_format: IrFormat) -> Dots:
-    """Four dots. Never raises: bytes that are not there see nothing."""
+    """Decode four dots. Never raises: missing bytes give None."""
     data = data.ljust(IR_BYTES[ir_format], b"\xff")
     dots: list[IrDot | None] = []
     if ir_format is IrFormat.BASIC:
@@ -94,7 +94,7 @@ def decode_dots(data: bytes, ir_format: IrFormat) -> Dots:
 
 
 def encode_dots(dots: Sequence[IrDot | None], ir_format: IrFormat) -> bytes:
-    """Up to four dots; values a dot does not have are sent as 0. Raises ValueError."""
+    """Encode up to four dots; missing values of a dot are sent as 0. Raises ValueError."""
     if len(dots) > DOTS:
         raise ValueError(f"{len(dots)} dots are more than {DOTS}")
     four = [*dots, *(None,) * (DOTS - len(dots))]

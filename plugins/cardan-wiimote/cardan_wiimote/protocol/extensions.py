@@ -43,7 +43,7 @@ class Extension(enum.Enum):
     MOTION_PLUS_CLASSIC = "motion-plus-classic"
     MOTION_PLUS_INACTIVE = "motion-plus-inactive"
     UNINITIALIZED = "uninitialized"
-    """Something is there and wants its start-up."""
+    """An extension is plugged in and needs its start-up."""
     UNKNOWN = "unknown"
 
 
@@ -75,7 +75,7 @@ def extension_of(identity: bytes) -> Extension:
     if identity[3] != 0x20 or identity[2] not in (0xA4, 0xA6):
         return Extension.UNKNOWN
     if identity[2] == 0xA6 and identity[5] == 0x05:
-        # A MotionPlus that was active shows its last mode; it is inactive all the same.
+        # A MotionPlus that was active shows its last mode, although it is inactive.
         return Extension.MOTION_PLUS_INACTIVE
     kind = _BY_KIND.get(identity[4:], Extension.UNKNOWN)
     if kind is Extension.CLASSIC and identity[0] == 1:
@@ -117,7 +117,7 @@ DEFAULT_NUNCHUK = NunchukCalibration(
 
 
 def decode_nunchuk(data: bytes) -> NunchukData | None:
-    """The first six bytes of the extension; None: no Nunchuk (short, all FF or all zero)."""
+    """Decode the first six bytes of the extension; None: no Nunchuk (short, all FF or all zero)."""
     if _absent(data):
         return None
     sx, sy, ax, ay, az, m = data[:6]
@@ -128,14 +128,14 @@ def decode_nunchuk(data: bytes) -> NunchukData | None:
 
 
 def encode_nunchuk(value: NunchukData) -> bytes:
-    """Six bytes of a Nunchuk alone."""
+    """Encode six bytes of a Nunchuk alone."""
     ax, ay, az = value.accelerometer
     m = (az & 3) << 6 | (ay & 3) << 4 | (ax & 3) << 2 | (not value.c) << 1 | (not value.z)
     return bytes((value.stick_x, value.stick_y, ax >> 2, ay >> 2, az >> 2, m))
 
 
 def decode_nunchuk_pass_through(data: bytes) -> NunchukData | None:
-    """Six bytes of a Nunchuk behind a MotionPlus, which takes the lowest accelerometer bits.
+    """Decode six bytes of a Nunchuk behind a MotionPlus, which takes the lowest accelerometer bits.
 
     None: no Nunchuk, or the frame is the MotionPlus's own (bit 1 of the last byte).
     """
@@ -150,7 +150,7 @@ def decode_nunchuk_pass_through(data: bytes) -> NunchukData | None:
 
 
 def encode_nunchuk_pass_through(value: NunchukData, plugged: bool = True) -> bytes:
-    """Six bytes of a Nunchuk behind a MotionPlus."""
+    """Encode six bytes of a Nunchuk behind a MotionPlus."""
     ax, ay, az = value.accelerometer
     m = (
         (az >> 1 & 3) << 6 | (ay >> 1 & 1) << 5 | (ax >> 1 & 1) << 4
@@ -160,7 +160,7 @@ def encode_nunchuk_pass_through(value: NunchukData, plugged: bool = True) -> byt
 
 
 def decode_nunchuk_calibration(block: bytes) -> NunchukCalibration | None:
-    """The 16 bytes at 0xA40020; None when short, with a wrong checksum or implausible."""
+    """Decode the 16 bytes at 0xA40020; None if short, with a wrong checksum or implausible."""
     if len(block) < 16:
         return None
     first = checksum(block[:14])
@@ -176,7 +176,7 @@ def decode_nunchuk_calibration(block: bytes) -> NunchukCalibration | None:
 
 
 def encode_nunchuk_calibration(value: NunchukCalibration) -> bytes:
-    """The block of 16 bytes. Raises ValueError for what does not fit."""
+    """Encode the block of 16 bytes. Raises ValueError for values that do not fit."""
     sticks = (
         value.stick_x[2], value.stick_x[0], value.stick_x[1],
         value.stick_y[2], value.stick_y[0], value.stick_y[1],
@@ -187,7 +187,7 @@ def encode_nunchuk_calibration(value: NunchukCalibration) -> bytes:
 
 
 def stick_deflection(value: int, calibration: Triple) -> float:
-    """A stick's axis in -1..1 (clamped) by its lowest, center and highest reading."""
+    """Return a stick's axis in -1..1 (clamped) by its lowest, center and highest reading."""
     low, center, high = calibration
     if value >= center:
         return min(1.0, (value - center) / (high - center))

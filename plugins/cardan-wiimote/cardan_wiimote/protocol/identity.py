@@ -34,7 +34,7 @@ class Model(NamedTuple):
     device_class: int
     """Bluetooth class of device."""
     set_report: bool
-    """Takes output reports on the control channel, too."""
+    """True if it accepts output reports on the control channel too."""
 
 
 MODELS: tuple[Model, ...] = (
@@ -43,8 +43,8 @@ MODELS: tuple[Model, ...] = (
     Model("balance-board", "Nintendo RVL-WBC-01", 0x0306, 0x002504, True),
     Model("pro-controller", "Nintendo RVL-CNT-01-UC", 0x0330, 0x000508, False),
 )
-"""Every device with this protocol. The last two are not remotes to steer with; only their names
-distinguish them."""
+"""Every device with this protocol. The last two are not remotes; only their names distinguish
+them."""
 
 WIIMOTE, WIIMOTE_TR = MODELS[0], MODELS[1]
 
@@ -52,7 +52,8 @@ PRODUCT_IDS: frozenset[int] = frozenset(model.product_id for model in MODELS)
 
 
 def model_of(bluetooth_name: str, product_id: int) -> Model | None:
-    """The model of this name; with an unknown name the remote of this product id, else None."""
+    """Return the model of this name; for an unknown name the remote of this product id, else
+    None."""
     for model in MODELS:
         if model.bluetooth_name == bluetooth_name:
             return model
@@ -94,11 +95,12 @@ INPUT_SIZES: dict[int, int] = {
 """Bytes of each input report after its id."""
 
 LONGEST_REPORT_BYTES = 22
-"""Id included; one more with the header byte of L2CAP."""
+"""Including the id; one more with the header byte of L2CAP."""
 
 
 def report_descriptor() -> bytes:
-    """The remote's HID report descriptor, 217 bytes: every report is an array of vendor bytes."""
+    """Return the remote's HID report descriptor, 217 bytes: every report is an array of vendor
+    bytes."""
     parts = [bytes.fromhex("0501 0905 a101")]
     for report_id, size in OUTPUT_SIZES.items():
         first = report_id == RUMBLE_ID

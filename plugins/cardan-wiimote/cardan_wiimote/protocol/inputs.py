@@ -24,9 +24,9 @@ from cardan_wiimote.protocol.identity import (
 from cardan_wiimote.protocol.values import BUTTON_MASK
 
 READ_PIECE_BYTES = 16
-"""The most that one answer to a read carries."""
+"""Most bytes in one reply to a read."""
 BATTERY_LOW = 0x20
-"""Below this the remote's battery flag is up."""
+"""Battery value below which the remote's battery flag is set."""
 BATTERY_FULL = 0xC8
 """Battery value of new alkaline cells."""
 
@@ -83,19 +83,19 @@ DATA_LAYOUTS: Mapping[int, DataLayout] = MappingProxyType(
         0x3D: _layout(buttons=False, extension=21),
     }
 )
-"""The data reports that come whole; 0x3E and 0x3F take turns instead (`Interleaved`)."""
+"""Data reports that are sent whole; 0x3E and 0x3F alternate instead (`Interleaved`)."""
 
 DATA_MODES: frozenset[int] = frozenset({*DATA_LAYOUTS, FIRST_HALF_ID, SECOND_HALF_ID})
 """Data modes that a remote accepts; 0x3E and 0x3F mean the same."""
 
 
 class Status(NamedTuple):
-    """Report 0x20: on request, and unasked when the extension port changes."""
+    """Report 0x20: on request, and unsolicited when the extension port changes."""
 
     buttons: int
     battery_low: bool
     extension: bool
-    """Something is plugged into the port, or the MotionPlus is active."""
+    """True if an extension is plugged in, or the MotionPlus is active."""
     speaker: bool
     ir: bool
     leds: int
@@ -105,19 +105,19 @@ class Status(NamedTuple):
 
 
 class ReadData(NamedTuple):
-    """Report 0x21: a piece of memory."""
+    """Report 0x21: piece of memory."""
 
     buttons: int
     error: int
     """An `ErrorCode`."""
     address: int
-    """The low 16 bits of where the piece begins."""
+    """Low 16 bits of the piece's address."""
     data: bytes
     """1 to 16 bytes; none after an error."""
 
 
 class Ack(NamedTuple):
-    """Report 0x22: the remote took an output report, or says why not."""
+    """Report 0x22: result of an output report."""
 
     buttons: int
     report_id: int
@@ -211,9 +211,9 @@ def _decode_data(report_id: int, layout: DataLayout, report: bytes) -> Data:
 
 
 def join_halves(first: Interleaved, second: Interleaved) -> Data:
-    """A 0x3E and the 0x3F after it as one: 36 bytes of camera, accelerometer of 8 bits times 4.
+    """Join a 0x3E and the 0x3F after it: 36 bytes of camera, accelerometer of 8 bits times 4.
 
-    Buttons are those of `second`. Raises ValueError when they are not such a pair.
+    Buttons are those of `second`. Raises ValueError for any other pair.
     """
     if first.mode != FIRST_HALF_ID or second.mode != SECOND_HALF_ID:
         raise ValueError(f"reports {first.mode:#x} and {second.mode:#x} are not 0x3e and 0x3f")
@@ -225,7 +225,7 @@ def join_halves(first: Interleaved, second: Interleaved) -> Data:
 
 
 def encode_status(status: Status) -> bytes:
-    """Report 0x20. Raises ValueError for what does not fit, as all here do."""
+    """Encode report 0x20. Raises ValueError for values that do not fit, like all encoders here."""
     leds = _in_range("leds", status.leds, 15)
     flags = (
         status.battery_low | status.extension << 1 | status.speaker << 2 | status.ir << 3
@@ -236,7 +236,8 @@ def encode_status(status: Status) -> bytes:
 
 
 def encode_read_data(value: ReadData) -> bytes:
-    """Report 0x21; after an error the length is 16 and the data are zero, whatever `data` is."""
+    """Encode report 0x21; after an error the length is 16 and the data are zero, whatever `data`
+    is."""
     data = b"" if value.error else value.data
     if not value.error and not 1 <= len(data) <= READ_PIECE_BYTES:
         raise ValueError(f"{len(data)} bytes are not 1 to {READ_PIECE_BYTES}")
@@ -249,14 +250,14 @@ def encode_read_data(value: ReadData) -> bytes:
 
 
 def encode_ack(value: Ack) -> bytes:
-    """Report 0x22."""
+    """Encode report 0x22."""
     report_id = _in_range("report_id", value.report_id, 255)
     error = _in_range("error", value.error, 255)
     return bytes((ACK_ID, *_buttons(value.buttons), report_id, error))
 
 
 def encode_data(value: Data) -> bytes:
-    """Reports 0x30 to 0x37 and 0x3D; what the mode does not carry must not be there.
+    """Encode reports 0x30 to 0x37 and 0x3D; values that the mode does not carry must be absent.
 
     The lowest bits of accelerometer y and z are lost, as in the remote.
     """
@@ -289,7 +290,8 @@ def encode_data(value: Data) -> bytes:
 
 
 def encode_interleaved(mode: int, buttons: int, accelerometer: Sequence[int], ir: bytes) -> bytes:
-    """Report 0x3E or 0x3F of one measurement: counts 0..1023 and that half's 18 camera bytes."""
+    """Encode report 0x3E or 0x3F of one measurement: counts 0..1023 and that half's 18 camera
+    bytes."""
     if mode not in (FIRST_HALF_ID, SECOND_HALF_ID):
         raise ValueError(f"mode {mode:#x} is neither 0x3e nor 0x3f")
     if len(ir) != 18:

@@ -1,6 +1,6 @@
 """MotionPlus: three gyroscopes with a fine and a coarse range, their frames and calibration.
 
-Rates come out in the remote's axes (+x left, +y towards the tail, +z up), right-handed.
+Rates are in the remote's axes (+x left, +y towards the tail, +z up), right-handed.
 
 Source: WiiBrew (Wii_Motion_Plus), Dolphin, hid-wiimote; the calibration from two real blocks.
 """
@@ -23,7 +23,7 @@ from cardan_wiimote.protocol.inputs import Triple
 from cardan_wiimote.protocol.outputs import ReadMemory, WriteMemory
 
 MOTION_PLUS_ADDRESS = 0xA60000
-"""Registers of a MotionPlus while it is inactive; active it is at the extension port."""
+"""Registers of an inactive MotionPlus; an active one is at the extension port."""
 PASS_NONE, PASS_NUNCHUK, PASS_CLASSIC = 0x04, 0x05, 0x07
 """Values that activate it: alone, or passing an extension through."""
 
@@ -32,12 +32,12 @@ MOTION_PLUS_START = WriteMemory(MOTION_PLUS_ADDRESS + 0xF0, b"\x55")
 """Initialize; comes before `motion_plus_activate`."""
 MOTION_PLUS_STOP = WriteMemory(EXTENSION_ADDRESS + 0xF0, b"\x55")
 READ_MOTION_PLUS_CALIBRATION = ReadMemory(MOTION_PLUS_ADDRESS + CALIBRATION_OFFSET, 32)
-"""While it is inactive."""
+"""Possible while it is inactive."""
 
 RAW_MAX = 16383
 RAW_REST = 8192
 _CALIBRATION_STEPS = 4
-"""A calibration's readings have 16 bits, those of frames 14."""
+"""A calibration's readings have 16 bits, a frame's 14."""
 _BLOCK = struct.Struct(">6HBBH")
 
 Vector = tuple[float, float, float]
@@ -54,7 +54,7 @@ class MotionPlusData(NamedTuple):
     roll_slow: bool
     pitch_slow: bool
     extension: bool
-    """Something is plugged into the MotionPlus."""
+    """True if an extension is plugged into the MotionPlus."""
 
 
 class MotionPlusRange(NamedTuple):
@@ -84,18 +84,18 @@ DEFAULT_MOTION_PLUS = MotionPlusCalibration(
 
 
 def motion_plus_activate(passing: int = PASS_NONE) -> WriteMemory:
-    """Moves the MotionPlus to the extension port, which is dead for some 20 ms and then announces
-    itself by status reports. `passing` is one of PASS_NONE, PASS_NUNCHUK, PASS_CLASSIC."""
+    """Move the MotionPlus to the extension port, which is dead for some 20 ms and then reports it
+    by status reports. `passing` is one of PASS_NONE, PASS_NUNCHUK, PASS_CLASSIC."""
     return WriteMemory(MOTION_PLUS_ADDRESS + 0xFE, bytes((passing,)))
 
 
 def is_motion_plus_frame(data: bytes) -> bool:
-    """Whether the extension's six bytes are the MotionPlus's own and not passed through by it."""
+    """Return True if the extension's six bytes are the MotionPlus's own and not passed through."""
     return len(data) >= 6 and data[5] & 3 == 2
 
 
 def decode_motion_plus(data: bytes) -> MotionPlusData | None:
-    """A frame of the MotionPlus; None: not its own, invalid or short."""
+    """Decode a frame of the MotionPlus; None: not its own, invalid or short."""
     if not is_motion_plus_frame(data):
         return None
     yaw, roll, pitch, b3, b4, b5 = data[:6]
@@ -106,7 +106,7 @@ def decode_motion_plus(data: bytes) -> MotionPlusData | None:
 
 
 def encode_motion_plus(value: MotionPlusData) -> bytes:
-    """Six bytes. Raises ValueError for readings beyond 14 bits."""
+    """Encode six bytes. Raises ValueError for readings beyond 14 bits."""
     if not all(0 <= reading <= RAW_MAX for reading in value[:3]):
         raise ValueError(f"readings {value[:3]} are not in 0..{RAW_MAX}")
     return bytes(
@@ -122,7 +122,7 @@ def encode_motion_plus(value: MotionPlusData) -> bytes:
 
 
 def decode_motion_plus_calibration(block: bytes) -> MotionPlusCalibration | None:
-    """The 32 bytes at offset 0x20; None when short, with a wrong CRC or without any span."""
+    """Decode the 32 bytes at offset 0x20; None if short, with a wrong CRC or without any span."""
     if len(block) < 32:
         return None
     fast_raw, slow_raw = _BLOCK.unpack_from(block, 0), _BLOCK.unpack_from(block, 16)
@@ -138,7 +138,7 @@ def decode_motion_plus_calibration(block: bytes) -> MotionPlusCalibration | None
 
 
 def encode_motion_plus_calibration(value: MotionPlusCalibration) -> bytes:
-    """The block of 32 bytes. Raises ValueError for what does not fit."""
+    """Encode the block of 32 bytes. Raises ValueError for values that do not fit."""
     bodies = []
     for part, unique_id in zip((value.fast, value.slow), value.unique_id, strict=True):
         if part.degrees_s % 6:
@@ -155,7 +155,7 @@ def encode_motion_plus_calibration(value: MotionPlusCalibration) -> bytes:
 def to_rad_s(
     data: MotionPlusData, calibration: MotionPlusCalibration = DEFAULT_MOTION_PLUS
 ) -> Vector:
-    """Angular velocity about the remote's axes, rad/s."""
+    """Return the angular velocity about the remote's axes, rad/s."""
     yaw = _rate(data.yaw, calibration.slow if data.yaw_slow else calibration.fast, 0)
     roll = _rate(data.roll, calibration.slow if data.roll_slow else calibration.fast, 1)
     pitch = _rate(data.pitch, calibration.slow if data.pitch_slow else calibration.fast, 2)
@@ -167,7 +167,7 @@ def from_rad_s(
     calibration: MotionPlusCalibration = DEFAULT_MOTION_PLUS,
     extension: bool = False,
 ) -> MotionPlusData:
-    """The nearest frame: each axis in the fine range if it fits there, else coarse, clipped."""
+    """Return the nearest frame: each axis in the fine range if it fits, else coarse, clipped."""
     x, y, z = rates_rad_s
     readings, slow = [], []
     for axis, rate in enumerate((-z, y, -x)):

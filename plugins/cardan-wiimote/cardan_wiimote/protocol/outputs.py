@@ -1,6 +1,6 @@
 """Output reports of the remote (host to remote): bytes to values and back.
 
-Every one of them sets the rumble motor: a report without its bit stops the motor.
+Every report sets the rumble motor: without its bit the motor stops.
 
 Source: WiiBrew (Wiimote/Protocol), Dolphin, libcwiid.
 """
@@ -33,15 +33,15 @@ SWITCH_IDS: frozenset[int] = frozenset(
 EEPROM = 0
 """Address space of the remote's own memory."""
 REGISTERS = 1
-"""Address space of the bus that extension, MotionPlus, camera and speaker are on."""
+"""Address space of the bus with extension, MotionPlus, camera and speaker."""
 WRITE_BYTES = 16
-"""The most that one write carries."""
+"""Most bytes in one write."""
 
 _RUMBLE, _ACK, _ON = 0x01, 0x02, 0x04
 
 
 class Rumble(NamedTuple):
-    """Report 0x10: nothing but the motor."""
+    """Report 0x10: the motor alone."""
 
     rumble: bool = False
 
@@ -56,7 +56,7 @@ class Leds(NamedTuple):
 
 
 class DataMode(NamedTuple):
-    """Report 0x12: which data report to send, and whether also when nothing changed."""
+    """Report 0x12: selects the data report, and whether it is also sent without changes."""
 
     mode: int
     continuous: bool = True
@@ -121,14 +121,14 @@ OutputReport = (
 
 
 def rumble_of(report: bytes) -> bool | None:
-    """The motor's bit of any output report, a malformed one too; None when it has no such byte."""
+    """Return the motor's bit of any output report, even malformed; None if it has no such byte."""
     if len(report) < 2 or report[0] not in OUTPUT_SIZES:
         return None
     return bool(report[1] & _RUMBLE)
 
 
 def with_rumble(report: bytes, on: bool) -> bytes:
-    """The same encoded output report with the motor's bit set to `on`."""
+    """Return the encoded output report with the motor's bit set to `on`."""
     return bytes((report[0], (report[1] & ~_RUMBLE) | on)) + report[2:]
 
 
@@ -175,7 +175,7 @@ def decode_output(report: bytes) -> OutputReport:
 
 
 def encode_output(value: OutputReport) -> bytes:
-    """Encode one output report of its full length. Raises ValueError for what does not fit."""
+    """Encode one output report of its full length. Raises ValueError for values that do not fit."""
     if isinstance(value, Rumble):
         return bytes((RUMBLE_ID, value.rumble))
     if isinstance(value, Leds):

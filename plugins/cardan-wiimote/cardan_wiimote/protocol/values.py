@@ -8,7 +8,7 @@ from functools import lru_cache
 from types import MappingProxyType
 
 BUTTON_MASK = 0x9F1F
-"""The bits of a button mask that are buttons: the first report byte is the low one."""
+"""Bits of a button mask that are buttons: the first report byte is the low one."""
 
 BUTTONS: Mapping[int, str] = MappingProxyType(
     {
@@ -30,12 +30,12 @@ BUTTONS: Mapping[int, str] = MappingProxyType(
 
 @lru_cache(maxsize=4096)
 def button_labels(mask: int) -> tuple[str, ...]:
-    """Labels of the buttons down in `mask`; bits that are not buttons mean nothing."""
+    """Return the labels of the pressed buttons in `mask`; other bits are ignored."""
     return tuple(label for bit, label in BUTTONS.items() if mask & bit)
 
 
 def button_mask(labels: tuple[str, ...] | list[str] | frozenset[str]) -> int:
-    """The mask of these buttons. Raises ValueError for a label that does not exist."""
+    """Return the mask of these buttons. Raises ValueError for an unknown label."""
     mask = 0
     for label in labels:
         if label not in _BITS:
@@ -56,5 +56,5 @@ class ErrorCode(enum.IntEnum):
     UNKNOWN = 5
     INVALID_SPACE = 6
     NO_DEVICE = 7
-    """Nothing answers at the bus address, or it can only be written."""
+    """No device answers at the bus address, or it is write-only."""
     INVALID_ADDRESS = 8

@@ -29,6 +29,8 @@ static const size_t LAYOUT[] = {
     AT(UrCommands, limits.inner_lower), AT(UrCommands, limits.inner_upper),
     AT(UrCommands, limits.speed), AT(UrCommands, limits.acceleration),
     AT(UrCommands, largest_position), AT(UrCommands, largest_velocity),
+    AT(UrCommands, work_off_s), AT(UrCommands, work_off_share), AT(UrCommands, recent_s),
+    AT(UrCommands, speed_up_s), AT(UrCommands, slow_down_s), AT(UrCommands, nothing),
     AT(UrCommands, token), AT(UrCommands, order), AT(UrCommands, head),
 };
 
@@ -138,7 +140,8 @@ static PyObject *take(PyObject *self, PyObject *const *given, Py_ssize_t length)
 /* -- commands ------------------------------------------------------------------------------------ */
 
 /* Places in the `self` of the one who answers. */
-enum { LIMITER = 1, TARGET_TYPE, KIND, REFERENCE, VELOCITY, TARGET };
+enum { LIMITER = 1, TARGET_TYPE, KIND, REFERENCE, VELOCITY, TARGET, LOST, INTERRUPTED, RESTED, FASTEST,
+       OFFSET, RATE };
 
 /* The list of floats that is an attribute of `object`, as an owned reference; NULL: it is none. */
 static PyObject *list_of(PyObject *self, PyObject *object, int name, double *into)
@@ -188,28 +191,62 @@ static bool read_command(PyObject *self, PyObject *command, UrReference *into)
     return !into->has_velocities || floats(speeds, UR_JOINTS, into->velocities);
 }
 
-/* (command, period_s, beat): the data package */
+/* The slip, where it has neither an interruption to count nor a command that rested; `asked` is the
+ * command before. */
+static bool read_slip(PyObject *self, PyObject *object, PyObject *asked, UrSlip *into)
+{
+    double rested_s;
+    PyObject *interrupted = PyObject_GetAttr(object, PyTuple_GetItem(self, INTERRUPTED));
+    if (!interrupted)
+        return false;
+    Py_DecRef(interrupted);
+    return interrupted == &_Py_FalseStruct && is_tuple(asked, 2) &&
+           floats(PyTuple_GetItem(asked, 1), UR_JOINTS, into->before) &&
+           get_number(self, object, RESTED, &rested_s) && rested_s == 0.0 &&
+           get_number(self, object, FASTEST, &into->fastest);
+}
+
+/* (command, period_s, beat, asked): the data package. `asked`: the command before, where the slip is to
+ * be added; else None. */
 static PyObject *answer(PyObject *self, PyObject *const *given, Py_ssize_t count)
 {
     uint8_t package[UR_COMMAND_SIZE];
     UrReference reference;
-    if (count != 3) {
-        PyErr_SetString(PyExc_TypeError, "an answer takes 3 arguments");
+    UrSlip slip;
+    if (count != 4) {
+        PyErr_SetString(PyExc_TypeError, "an answer takes 4 arguments");
         return NULL;
     }
-    PyObject *limiter = PyTuple_GetItem(self, LIMITER), *made = NULL;
+    PyObject *limiter = PyTuple_GetItem(self, LIMITER), *lost = PyTuple_GetItem(self, LOST);
+    PyObject *made = NULL, *offsets = NULL, *rates = NULL;
+    bool slips = given[3] != NONE;
     double period_s = PyFloat_AsDouble(given[1]);
     int32_t beat = (int32_t)PyLong_AsLongLong(given[2]);
     if (PyErr_Occurred() || !read_command(self, given[0], &reference) ||
-        !read_target(self, limiter, &reference))
+        !read_target(self, limiter, &reference) ||
+        (slips && !read_slip(self, lost, given[3], &slip)))
         return refused();
     PyObject *references = list_of(self, limiter, REFERENCE, reference.reference);
     PyObject *velocities = references ? list_of(self, limiter, VELOCITY, reference.velocity) : NULL;
-    if (velocities && ur_answer(memory(self, MEMORY), &reference, period_s, beat, package) &&
+    bool good = velocities != NULL;
+    if (good && slips) {
+        offsets = list_of(self, lost, OFFSET, slip.offset);
+        rates = offsets ? list_of(self, lost, RATE, slip.rate) : NULL;
+        good = rates && ur_follow(memory(self, MEMORY), &reference, period_s, &slip);
+    }
+    if (good && ur_answer(memory(self, MEMORY), &reference, period_s, beat, package) &&
         write_list(references, reference.reference) &&
         write_list(velocities, reference.velocity) &&
-        set(self, limiter, TARGET, held(PyTuple_GetItem(given[0], 0))))
+        set(self, limiter, TARGET,
+            slips ? floats_tuple(reference.positions, UR_JOINTS)
+                  : held(PyTuple_GetItem(given[0], 0))) &&
+        (!slips || (write_list(offsets, slip.offset) && write_list(rates, slip.rate) &&
+                    set(self, lost, FASTEST, PyFloat_FromDouble(slip.fastest)))))
         made = PyBytes_FromStringAndSize((const char *)package, sizeof package);
+    if (rates)
+        Py_DecRef(rates);
+    if (offsets)
+        Py_DecRef(offsets);
     if (velocities)
         Py_DecRef(velocities);
     if (references)

@@ -16,7 +16,7 @@ MagellanTraffic = PuckTraffic[MagellanPacket]
 
 
 class MagellanMeaning(PacketMeaning[MagellanPacket]):
-    """An answer begins with its command's letter."""
+    """Meaning of the packets: an answer begins with its command's letter."""
 
     def reader(self) -> MagellanReader:
         return MagellanReader()

@@ -1,4 +1,4 @@
-"""Scenario: has the user move a Magellan, and asks it for its identity and settings."""
+"""Scenario in which the user moves a Magellan; it requests identity and settings."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from cardan_serial_mice.protocol.magellan import (
 )
 
 BOOT_S = 1.2
-"""From power, which the open port gives, until a device hears."""
+"""Time from power, which the open port supplies, until a device receives commands."""
 REST_S = 0.6
 ANSWER_S = 0.6
 UNKNOWN = b"y0"
-"""No command."""
+"""Not a valid command."""
 
 
 class MagellanScenario(HandScenario):
-    """Reads; only from level 1 on it sends commands."""
+    """Reads the packets; from level 1 on it also sends commands."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         super().__init__(level, seconds)

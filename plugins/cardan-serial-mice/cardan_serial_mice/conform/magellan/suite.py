@@ -31,7 +31,7 @@ class Magellan(Suite[MagellanTraffic]):
     requirements = requires.all()
     transport = SuiteTransport("other")
     seconds = 1.2
-    # While it is held deflected; between two commands; more than any sensitivity's default gives.
+    # While it is held deflected; between two commands; beyond any sensitivity's default.
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "silence": 1.5,
         "power-loss": 6.5,

@@ -1,4 +1,4 @@
-"""Checks that any serial six-axis device can have."""
+"""Checks that suit any serial six-axis device."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Traffic = PuckTraffic[Any]
 
 
 def opened(decoded: Traffic) -> Verdict:
-    """The port can be opened."""
+    """Check that the port can be opened."""
     return failed("it was refused", decoded.refused) if decoded.refused else passed("opened")
 
 
 def reported(decoded: Traffic) -> Verdict:
-    """Deflected, it sends motion."""
+    """Check that it sends motion while deflected."""
     if decoded.refused or decoded.phase("push-held") is None:
         return not_seen("it was never deflected")
     found = [each for each in decoded.motions("push", "push-held") if any(each.counts)]
@@ -28,7 +28,7 @@ def reported(decoded: Traffic) -> Verdict:
 
 
 def reported_again(decoded: Traffic) -> Verdict:
-    """After it was asked it reports motion as before."""
+    """Check that it reports motion after requests as before."""
     if decoded.phase("push-again") is None or decoded.refused:
         return not_seen("it was not asked")
     found = [each for each in decoded.motions("push-again") if any(each.counts)]
@@ -36,7 +36,7 @@ def reported_again(decoded: Traffic) -> Verdict:
 
 
 def whole(decoded: Traffic) -> Verdict:
-    """No packet is malformed."""
+    """Check that no packet is malformed."""
     if not decoded.packets:
         return not_seen(NOTHING)
     wrong = [
@@ -51,7 +51,7 @@ def whole(decoded: Traffic) -> Verdict:
 
 
 def rate(decoded: Traffic, fastest_s: float, slowest_s: float) -> Verdict:
-    """Held deflected, its mean period lies between these."""
+    """Check that its mean period lies between these while it is held deflected."""
     periods = []
     for name in HELD:
         found = decoded.motions(name)
@@ -66,12 +66,12 @@ def rate(decoded: Traffic, fastest_s: float, slowest_s: float) -> Verdict:
 
 
 def silent(decoded: Traffic, most_s: float) -> Verdict:
-    """Held deflected, it is never silent for longer."""
+    """Check that it is never silent for longer than `most_s` while it is held deflected."""
     return never_silent(((decoded.phase(name), decoded.motions(name)) for name in HELD), most_s)
 
 
 def ends_with_zero(decoded: Traffic) -> Verdict:
-    """The last packet of each motion is zero on all axes."""
+    """Check that the last packet of each motion is zero on all axes."""
     wrong, count = [], 0
     for name in ("push", "twist"):
         found = decoded.motions(f"{name}-held", f"{name}-over")
@@ -86,7 +86,7 @@ def ends_with_zero(decoded: Traffic) -> Verdict:
 
 
 def silent_at_rest(decoded: Traffic) -> Verdict:
-    """Let go, it sends no motion."""
+    """Check that it sends no motion after the release of the cap."""
     if decoded.phase("push-rest") is None or not decoded.packets:
         return not_seen("it was never let go")
     talks = [each.number for each in decoded.motions("rest", "push-rest", "twist-rest")]
@@ -94,7 +94,7 @@ def silent_at_rest(decoded: Traffic) -> Verdict:
 
 
 def in_range(decoded: Traffic, most: int, most_rotation: int) -> Verdict:
-    """No axis goes beyond these counts."""
+    """Check that no axis goes beyond these counts."""
     found = [each for each in decoded.packets if each.counts]
     if not found:
         return not_seen(NOTHING)
@@ -110,8 +110,8 @@ def in_range(decoded: Traffic, most: int, most_rotation: int) -> Verdict:
 
 
 def signs(decoded: Traffic) -> Verdict:
-    """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
-    largest of the rotations."""
+    """Check signs: pushed to the right X is positive and the largest; twisted clockwise B is
+    negative and the largest of the rotations."""
     push, twist = (
         [each.counts for each in decoded.motions(name)] for name in ("push-held", "twist-held")
     )
@@ -119,7 +119,7 @@ def signs(decoded: Traffic) -> Verdict:
         return not_seen("it was not pushed and twisted")
     one, other = _mean(push), _mean(twist)
     said = f"X {one[0]:.0f}, B {other[4]:.0f} counts"
-    # Translations and rotations may have scales of their own.
+    # Translations and rotations may have different scales.
     good = one[0] == max(one[:3], key=abs) > 0 and other[4] == max(other[3:], key=abs) < 0
     return passed(said) if good else failed(said)
 
@@ -129,7 +129,7 @@ def _mean(rows: Sequence[tuple[int, ...]]) -> list[float]:
 
 
 def buttons(decoded: Traffic) -> Verdict:
-    """Every press and release of a button is reported."""
+    """Check that every press and release of a button is reported."""
     if decoded.phase("release") is None or decoded.refused:
         return not_seen("none was pressed")
     down, up = decoded.keys("press"), decoded.keys("release")
@@ -143,7 +143,7 @@ def buttons(decoded: Traffic) -> Verdict:
 
 
 def stays(decoded: Traffic) -> Verdict:
-    """The port does not go while it is used."""
+    """Check that the port remains while it is used."""
     phase = decoded.phase("unplug")
     wrong = [index for index in decoded.lost if phase is None or index < phase.first]
     if decoded.refused:
@@ -152,7 +152,7 @@ def stays(decoded: Traffic) -> Verdict:
 
 
 def unplugged(decoded: Traffic) -> Verdict:
-    """Its port unplugged, the system says that it is gone, and nothing more comes."""
+    """Check that unplugging the port is reported by the system and ends the data."""
     phase = decoded.phase("unplug")
     gone = [] if phase is None else [index for index in decoded.lost if index >= phase.first]
     if not gone:
@@ -162,7 +162,7 @@ def unplugged(decoded: Traffic) -> Verdict:
 
 
 def answered(asked: Asked[Any] | None, within_s: float) -> Verdict:
-    """A command has its answer within that time."""
+    """Check that a command is answered within that time."""
     if asked is None:
         return not_seen("it was not asked")
     if asked.answer is None:
@@ -175,14 +175,14 @@ def answered(asked: Asked[Any] | None, within_s: float) -> Verdict:
 
 
 def lines(stream: bytes) -> list[bytes]:
-    """Whole packets of a stream, where each ends with CR."""
+    """Return whole packets of a stream, each ended by CR."""
     return [each + b"\r" for each in stream.split(b"\r")[:-1] if each]
 
 
 def read_twice(
     decoded: Traffic, cut: Callable[[bytes], list[bytes]], is_broken: Callable[[bytes], bool]
 ) -> Verdict:
-    """A second reader, which cuts the stream and detects broken packets, agrees with the first."""
+    """Check that a second reader, which splits the stream and detects broken packets, agrees."""
     pieces = cut(decoded.stream)
     if not pieces:
         return not_seen(NOTHING)

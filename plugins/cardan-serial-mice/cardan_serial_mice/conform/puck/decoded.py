@@ -13,7 +13,7 @@ V = TypeVar("V")
 
 
 class Reader(Protocol[V]):
-    """Cuts a device's stream into packets."""
+    """Splits a device's stream into packets."""
 
     def feed(self, data: bytes) -> list[V]: ...
 
@@ -23,17 +23,17 @@ class Packet(Generic[V]):
     """A packet of the device."""
 
     number: int
-    """Of the event that completed it."""
+    """Number of the event that completed it."""
     time_s: float
     value: V
     counts: tuple[int, ...]
     """Counts of a motion; else empty."""
     mask: int | None
-    """Of keys, those that are down."""
+    """Mask of the pressed keys."""
 
     @property
     def is_malformed(self) -> bool:
-        """Whether it is no packet."""
+        """True if it is not a valid packet."""
         return isinstance(self.value, Malformed)
 
 
@@ -52,19 +52,19 @@ class PacketMeaning(ABC, Generic[V]):
 
     @abstractmethod
     def reader(self) -> Reader[V]:
-        """A new reader of a device's stream."""
+        """Return a new reader of a device's stream."""
 
     @abstractmethod
     def counts(self, value: V) -> tuple[int, ...]:
-        """Six counts of a motion; none of another packet."""
+        """Return the six counts of a motion; empty for another packet."""
 
     @abstractmethod
     def mask(self, value: V) -> int | None:
-        """The keys that are down, of a packet that tells them."""
+        """Return the mask of pressed keys, if the packet has it."""
 
     @abstractmethod
     def answers(self, value: V, command: bytes) -> bool:
-        """Whether it may be the answer to a command."""
+        """Return True if it may be the answer to a command."""
 
 
 class PuckTraffic(Generic[V]):
@@ -74,7 +74,7 @@ class PuckTraffic(Generic[V]):
         self.phases = timeline.phases()
         self.packets: list[Packet[V]] = []
         self.stream = b""
-        """All that came."""
+        """All received bytes."""
         self.lost: list[int] = []
         self.refused: list[int] = []
         self._meaning = meaning
@@ -106,15 +106,15 @@ class PuckTraffic(Generic[V]):
         return next((e for e in later if self._meaning.answers(e.value, command)), None)
 
     def sent_command(self, command: bytes) -> Asked[V] | None:
-        """The first command of these bytes."""
+        """Return the first command of these bytes."""
         return next((each for each in self.asked if each.command == command), None)
 
     def phase(self, name: str) -> TimelinePhase | None:
-        """The phase of that name, if the pilot came to it."""
+        """Return the phase of that name, if the scenario reached it."""
         return self.phases.get(name)
 
     def during(self, *names: str) -> list[Packet[V]]:
-        """The packets of these phases."""
+        """Return the packets of these phases."""
         found = [self.phases[name] for name in names if name in self.phases]
         return [r for r in self.packets if any(p.first <= r.number < p.end for p in found)]
 
@@ -123,5 +123,5 @@ class PuckTraffic(Generic[V]):
         return [each for each in self.during(*names) if each.counts]
 
     def keys(self, *names: str) -> list[int]:
-        """The masks that were told in these phases."""
+        """Return the masks of keys in these phases."""
         return [each.mask for each in self.during(*names) if each.mask is not None]

@@ -1,4 +1,4 @@
-"""Scenario: has the user move a serial six-axis device, and asks it for its identity."""
+"""Scenario in which the user moves a serial six-axis device; it requests the identity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ANSWER_S = 0.6
 
 
 class PuckScenario(HandScenario):
-    """Reads; only from level 1 on it sends commands."""
+    """Reads the packets; from level 1 on it also sends commands."""
 
     def __init__(self, level: Level, seconds: float, meaning: PacketMeaning[Any]) -> None:
         super().__init__(level, seconds)
@@ -27,7 +27,7 @@ class PuckScenario(HandScenario):
         for value in self._reader.feed(event.data):
             self._moved = self._moved or any(self._meaning.counts(value))
             mask = self._meaning.mask(value)
-            # Some tell their keys every second, whether they change or not.
+            # Some devices report their keys every second, even unchanged.
             if mask is not None and bool(mask) == (self._key == "press"):
                 self._pressed = True
             if self._command and self._meaning.answers(value, self._command):

@@ -1,4 +1,4 @@
-"""A simulated serial device and a pilot in virtual time."""
+"""A simulated serial device and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import serial_model_by_key
 
 LONGEST_S = 300.0
-"""Limit of a simulated run; a script that waits for an event in vain ends before."""
+"""Limit of a simulated run; a script whose wait is never fulfilled ends before."""
 _RIGHT, _CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
 _REST = (0.0,) * 6
 
@@ -21,7 +21,7 @@ class PuckSimulation:
     def __init__(
         self, key: str, exchange: Exchange, faults: Mapping[str, float], seed: int
     ) -> None:
-        """`key`: of the device's model."""
+        """`key`: that of the device's model."""
         self._exchange = exchange
         model = serial_model_by_key(key)
         self._device = simulated_serial_puck(model, faults=faults, jitter_lsb=1, seed=seed)
@@ -30,10 +30,10 @@ class PuckSimulation:
         self._now_s = 0.0
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
+        """Run until the scenario is over."""
         exchange, device = self._exchange, self._device
         while not exchange.over and self._now_s < LONGEST_S:
-            # First, or a hand that moves now would have moved since the device was last heard.
+            # First, because a hand that moves now has not moved since the device was last read.
             for data in device.reports(self._now_s):
                 if self._open:
                     self._do(exchange.heard(self._now_s, "", data))

@@ -17,11 +17,12 @@ from cardan_serial_mice.protocol.spaceball import QUERY_KEYS, RESET
 
 BallTraffic = PuckTraffic[SpaceballPacket]
 UNKNOWN = b"U0"
-"""No command."""
+"""Not a valid command."""
 
 
 class SpaceballMeaning(PacketMeaning[SpaceballPacket]):
-    """Settings are echoed by their letter; a reset is over with its second line."""
+    """Meaning of the packets: settings are echoed by their letter; a reset ends with its second
+    line."""
 
     def reader(self) -> SpaceballReader:
         return SpaceballReader()
@@ -34,7 +35,7 @@ class SpaceballMeaning(PacketMeaning[SpaceballPacket]):
             return (value.high & 0x1F) << 8 | value.low & 0xBF
         if not isinstance(value, SpaceballKeys):
             return None
-        # The right key of a 3003 is wired to the pick of a 2003, too.
+        # The right key of a 3003 is wired to the pick of a 2003 too.
         high = value.high & (0x2F if value.low & 0x20 else 0x3F)
         return high << 8 | value.low & 0x3F
 

@@ -42,7 +42,7 @@ KERNEL = "Linux drivers/input/joystick/spaceball.c"
 FASTEST_S, SLOWEST_S = 0.045, 0.060
 SILENT_S = 0.2
 MOST_COUNTS, MOST_TURN_COUNTS = 10_000, 2000
-"""A quarter more than Linux's driver takes for a full deflection at 20 Hz."""
+"""A quarter more than the full deflection of Linux's driver at 20 Hz."""
 RESET_WITHIN_S, ANSWER_S = 2.0, 0.25
 PERIOD_SHARE, PERIOD_S = 0.1, 0.1
 STEADY_SHARE, STEADY_COUNTS = 0.25, 400

@@ -1,4 +1,4 @@
-"""Scenario: has a Spaceball reset and set up, and the user move it."""
+"""Scenario in which a Spaceball is reset and set up, and the user moves it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cardan_serial_mice.protocol.spaceball import (
 )
 
 BOOT_S = 2.0
-"""From power, which the open port gives, until the device has reported its identity."""
+"""Time from power, which the open port supplies, until the device has reported its identity."""
 RESET_S = 2.5
 
 
 class SpaceballScenario(PuckScenario):
-    """Without a command a Spaceball tells its buttons only, so motion is for level 1."""
+    """Without a command a Spaceball reports its buttons only; motion needs level 1."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         super().__init__(level, seconds, SpaceballMeaning())

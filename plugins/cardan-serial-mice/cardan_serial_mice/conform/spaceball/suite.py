@@ -31,7 +31,7 @@ class Spaceball(Suite[BallTraffic]):
     requirements = requires.all()
     transport = SuiteTransport("other")
     seconds = 1.2
-    # While it is held deflected; more than the range has over.
+    # While it is held deflected; beyond the range's reserve.
     fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 4.5, "overrange": 1.5}
 
     def decode(self, timeline: WireTimeline) -> BallTraffic:

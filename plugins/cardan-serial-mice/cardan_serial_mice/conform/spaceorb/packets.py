@@ -7,12 +7,13 @@ from cardan_serial_mice.protocol import OrbKeys, OrbMotion, OrbPacket, OrbReader
 
 OrbTraffic = PuckTraffic[OrbPacket]
 POLL = b"d"
-"""Asks for one motion."""
+"""Request for one motion."""
 NULL_REGION = b"n"
 
 
 class SpaceOrbMeaning(PacketMeaning[OrbPacket]):
-    """`?` is answered with information, `n` with the null region, `d` with a motion."""
+    """Meaning of the packets: `?` is answered with information, `n` with the null region, `d` with
+    a motion."""
 
     def reader(self) -> OrbReader:
         return OrbReader()

@@ -25,7 +25,7 @@ CAPTURES = (
 FASTEST_S, SLOWEST_S = 0.028, 0.040
 SILENT_S = 0.2
 MOST_COUNTS = 510
-"""508 of Linux's driver, and the noise of a held cap."""
+"""508 by Linux's driver, and the noise of a held cap."""
 BEAT_S = 1.3 * HEARTBEAT_S
 ANSWER_S = 0.25
 

@@ -1,4 +1,4 @@
-"""Scenario: has the user move a SpaceOrb, and asks it for its identity."""
+"""Scenario in which the user moves a SpaceOrb; it requests the identity."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, Space
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
 BOOT_S = 2.0
-"""From power, which the open port gives, until the device has reported its identity."""
+"""Time from power, which the open port supplies, until the device has reported its identity."""
 BEATS = 2.5
-"""Heartbeats of the phase in which it is only listened to."""
+"""Heartbeats of the phase that only listens."""
 
 
 class SpaceOrbScenario(PuckScenario):
-    """Reads; only from level 1 on it sends commands."""
+    """Reads the packets; from level 1 on it also sends commands."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         super().__init__(level, seconds, SpaceOrbMeaning())

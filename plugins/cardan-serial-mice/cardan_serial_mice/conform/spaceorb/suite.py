@@ -31,7 +31,7 @@ class SpaceOrb(Suite[OrbTraffic]):
     requirements = requires.all()
     transport = SuiteTransport("other")
     seconds = 1.2
-    # When it has started.
+    # After its start.
     fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 5.5}
 
     def decode(self, timeline: WireTimeline) -> OrbTraffic:
