@@ -595,7 +595,7 @@ class _Cell:
         return _Cell(self._hull, self._axes, (*self._planes, plane))
 
 
-_CUT_SHARES: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+_CUT_SHARES: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Shares of a cell's length along an axis at which it may be cut."""
 
 
