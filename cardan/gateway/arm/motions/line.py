@@ -32,8 +32,8 @@ class FollowLine(TrajectoryMotion):
         deceleration: Deceleration,
         arrival: Arrival,
     ) -> None:
-        """`retained` (6): directions in which the TCP must end at its goal, x y z rx ry rz along the
-        axes of the TCP."""
+        """`retained` (6): directions in which the TCP must end at its goal, x y z rx ry rz of its
+        axes."""
         super().__init__(servo, path.duration_s, arrival)
         self._path = path
         self._retained = retained
