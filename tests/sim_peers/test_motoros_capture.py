@@ -124,7 +124,7 @@ def reported():
     )
 
 
-@pytest.fixture(scope="module", params=["real", "told"])
+@pytest.fixture(scope="module", params=["real", "reported"])
 def client(request):
     """The captured client, and what is left of it where the capture is not."""
     return request.getfixturevalue(request.param)
