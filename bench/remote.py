@@ -16,8 +16,8 @@ Networks: ``cardan devices share`` is at one computer, router and session are at
 of network namespaces, and between them is a link (:mod:`bench.two_computers`). It is a model of
 those networks, and not one of them; TCP and UDP over it are the kernel's. Each is measured by TCP,
 and by QUIC, as ``cardan net pair --quic`` joins the two. "Beyond the network" is less what the link
-took for the first frame since the act, and less the median of the session that reads the device
-itself; the aim for rest has the link's constant delay in it.
+took for the first frame since the act, and less the same quantile of the session that reads the
+device itself; the aim for rest has the link's constant delay in it.
 
 `--pages` writes the tables into docs/measurements.md.
 """
@@ -645,7 +645,10 @@ def network_table(rows: list[tuple[Network, str, Figures, Figures]], local: Figu
     ]
     alone = [local.quantile(LOCAL, quantile) for quantile in ("median", "p99")]
     for network, way, moves, rests in rows:
-        beyond = [moves.quantile(BEYOND, quantile) - alone[0] for quantile in ("median", "p99")]
+        beyond = [
+            moves.quantile(BEYOND, quantile) - least_s
+            for quantile, least_s in zip(("median", "p99"), alone, strict=True)
+        ]
         beyond_delay = [
             moves.quantile(REMOTE, quantile) - network.link.delay_s - least_s
             for quantile, least_s in zip(("median", "p99"), alone, strict=True)
