@@ -1,8 +1,6 @@
-"""Hatchling's build hook: compiles the C parts, so that an ordinary ``pip install`` has them.
-
-They know nothing of Python, so one wheel serves every version of it. Where there is no compiler the
-package is built without them, and says so when they are asked for.
-"""
+"""Hatchling's build hook: compiles the C parts, so that an ordinary ``pip install`` has them. They
+do not use Python, so one wheel serves all its versions. Without a compiler the package is built
+without them, and reports that when they are needed."""
 
 from __future__ import annotations
 
@@ -20,14 +18,14 @@ NO_COMPILER = 3
 
 
 class CompiledParts(BuildHookInterface):  # type: ignore[type-arg]
-    """Runs tools/native, and adds what it made."""
+    """Hook that runs tools/native and adds its output."""
 
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         if self.target_name != "wheel" or not sys.platform.startswith("linux"):
             return
-        # make has compiled them by then, while it made the environment.
+        # make has already compiled them, when it created the environment.
         if os.environ.get("CARDAN_NATIVE") != "compiled":
             done = subprocess.run([Path(self.root, "tools", "native")], check=False)
             if done.returncode == NO_COMPILER:

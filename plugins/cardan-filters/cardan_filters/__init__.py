@@ -1,1 +1,1 @@
-"""Two published filters of shared control, and what reads a sensor's datagrams, for Cardan."""
+"""Two published filters of shared control, and the reader of a sensor's datagrams, for Cardan."""

@@ -1,8 +1,9 @@
-"""Camera-directed motion: the operator gives the advance, a camera on the tool the direction.
+"""Camera-directed motion: the operator sets the speed of advance, a camera on the tool the
+direction.
 
 The published rule (Łukawski, Victores and Balaguer 2023, after Oña et al. 2020): as long as the
-operator advances along the camera's axis and the camera sees its target, the motion goes along
-that axis only and turns the camera towards the target.
+operator advances along the camera's axis and the camera sees its target, the motion goes along that
+axis only and turns the camera towards the target.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from cardan_filters.readings import Malformed, decode_centroid
 TARGET_AGE_S = Range(0.0, 2.0, "s", "a target seen longer ago may be anywhere", above=True)
 
 SMALLEST_ADVANCE_M_S = 1e-9
-"""Smallest speed that is an advance: less is rounding of a motion across the axis."""
+"""Smallest speed that counts as an advance: less is rounding of a motion across the axis."""
 
 _Angle = Annotated[float, bounds.ANGLE_DEG]
 
@@ -43,7 +44,7 @@ class CameraOptions(ListenerOptions):
     gain_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 0.1
     """Turning speed when the target is at the image's edge."""
     permanence_s: Annotated[float, TARGET_AGE_S] = 0.5
-    """How long a target still counts after it was last seen."""
+    """Time for which a target is still valid after it was last seen."""
 
 
 class CameraFilter(TwistFilter):

@@ -17,7 +17,7 @@ from cardan.types import NEVER_S
 from cardan_filters.readings import MAX_DATAGRAM_BYTES, Malformed
 
 MAX_PER_TICK = 8
-"""Datagrams read in one tick, 2000 a second at 250 Hz: bounds the work that a flood makes."""
+"""Most datagrams read in a tick, 2000 a second at 250 Hz: bounds the work in a flood."""
 
 HERE: Final = "127.0.0.1"
 
@@ -31,7 +31,7 @@ class Sender(NamedTuple):
     """Sender of a datagram: a process by its number, or an address and port."""
 
     host: str = ""
-    """Empty: a process of this computer, by its Unix socket."""
+    """IP address; empty: a process of this computer, by its Unix socket."""
     number: int = 0
 
     def __str__(self) -> str:
@@ -41,7 +41,7 @@ class Sender(NamedTuple):
 
 
 SOMEBODY: Final = Sender()
-"""Where the system does not tell which process it was."""
+"""Sender whose process the system does not name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,10 +49,10 @@ class ListenerOptions(Options):
     """Socket at which a filter listens for its sensor: a Unix socket or a UDP port."""
 
     socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] | None = None
-    """Path of the Unix socket, which only programs of the same user can write to; without one, and
-    without `port`: one of the filter's name in the user's runtime folder."""
+    """Path of the Unix socket, which only programs of the same user can write to; without it and
+    without `port`, a socket with the filter's name in the user's runtime folder."""
     port: Annotated[int, bounds.PORT] | None = None
-    """UDP port to listen on instead; any program that reaches it is heard."""
+    """UDP port to listen on instead; any program that reaches it is accepted."""
     host: Annotated[str, bounds.IPV4] = HERE
     """Address of the UDP port."""
 
@@ -64,24 +64,22 @@ class ListenerOptions(Options):
             require(self.socket is None, "socket", self.socket, "left out where port is given")
 
     def place(self, name: str) -> str | tuple[str, int]:
-        """The path of the socket, or the address of the UDP port, of the filter `name`."""
+        """Return the path of the socket, or the address of the UDP port, of the filter `name`."""
         if self.port is not None:
             return self.host, self.port
         return self.socket or runtime_path(f"cardan-{name}.sock")
 
 
 def shown_place(place: str | tuple[str, int]) -> str:
-    """A listener's place in words."""
+    """Describe a listener's address."""
     return place if isinstance(place, str) else f"UDP {place[0]}:{place[1]}"
 
 
 class DatagramListener:
-    """Passes on each waiting datagram, with its sender and a time of reception that is never too
-    late.
-
-    The tick that reads a datagram may come long after it arrived, when this computer stalled. So a
+    """Reader of waiting datagrams, each with its sender and a time of reception that is never too
+    late. If this computer stalls, a tick may read a datagram long after it arrived. Therefore a
     datagram counts as received when the queue was last seen empty: never later than it was, and
-    earlier by no more than a tick. Datagrams of a flood that is never read to its end grow stale.
+    earlier by no more than a tick. Datagrams of a flood that is never read to its end become stale.
     """
 
     def __init__(
@@ -90,10 +88,10 @@ class DatagramListener:
         take: Callable[[bytes, float, Sender], Malformed | None],
     ) -> None:
         self.place = place
-        """Where it listens: the path of a Unix socket, or address and UDP port; with port 0 the
-        port that it got, once open."""
+        """Address: the path of a Unix socket, or IP address and UDP port; for port 0 the assigned
+        one, once open."""
         self.heard = 0
-        """Datagrams that could be used."""
+        """Number of usable datagrams."""
         self.malformed = 0
         self.malformed_reason = ""
         """Fault of the last malformed datagram."""
@@ -108,7 +106,7 @@ class DatagramListener:
         return self._socket is not None
 
     def open(self) -> None:
-        """Listen. Raises AddressError when that is not possible there; opening twice is fine."""
+        """Listen. Raises AddressError if that is impossible; may be called repeatedly."""
         if self._socket is not None:
             return
         place = self.place
@@ -135,7 +133,7 @@ class DatagramListener:
         self._empty_s = NEVER_S
 
     def close(self) -> None:
-        """Stop listening; closing twice is fine."""
+        """Stop listening; may be called repeatedly."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -144,10 +142,10 @@ class DatagramListener:
             self._bound = None
 
     def drain(self, now_s: float) -> None:
-        """Take what has arrived, oldest first, at most MAX_PER_TICK. Never waits or raises."""
+        """Process waiting datagrams, oldest first, at most MAX_PER_TICK. Never waits or raises."""
         if self._socket is None:
             return
-        with contextlib.suppress(OSError):  # BlockingIOError above all: the queue is empty.
+        with contextlib.suppress(OSError):  # Mostly BlockingIOError: the queue is empty.
             for _ in range(MAX_PER_TICK):
                 data, more, _flags, address = self._socket.recvmsg(
                     MAX_DATAGRAM_BYTES + 1, _ANCILLARY_BYTES if self._bound else 0
@@ -157,7 +155,7 @@ class DatagramListener:
         self._empty_s = now_s
 
     def take(self, data: bytes, received_s: float, sender: Sender = SOMEBODY) -> None:
-        """Take one datagram of `sender`, received at `received_s`, local monotonic time."""
+        """Process a datagram of `sender`, received at `received_s`, local monotonic time."""
         wrong = self._take(data, received_s, sender)
         if wrong is None:
             self.heard += 1
@@ -179,7 +177,7 @@ class DatagramListener:
 
 
 def _sender(ancillary: list[tuple[int, int, bytes]], address: Any) -> Sender:
-    """Return the sender of a datagram: the process by the kernel, or address and port."""
+    """Return the sender of a datagram: the process from the kernel, or address and port."""
     if isinstance(address, tuple):
         return Sender(*address[:2])
     for _level, _kind, data in ancillary:

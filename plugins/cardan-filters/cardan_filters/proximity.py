@@ -1,13 +1,13 @@
 """Stops or slows the operator's motion when something is near the arm.
 
 The published rule of the AMOR arm (Łukawski, Victores and Balaguer 2023, after Oña et al. 2020):
-the level is the largest value of all proximity sensors; above one threshold the motion stops,
-above a lower one it is half as fast.
+the level is the largest value of all proximity sensors; above one threshold the motion stops, above
+a lower one it is half as fast.
 
 Each program that sends readings is a sender of its own, with a newest reading and an age. The most
-cautious one decides, and one that falls silent counts as a silent sensor although others are heard:
-otherwise a program that sends "nothing near" would take a dead sensor's place. It is forgotten only
-while the operator asks for nothing, so that the arm never goes on by itself.
+cautious one decides, and one that falls silent counts as a silent sensor even if others send:
+otherwise a program that sends "nothing near" would replace a dead sensor. A silent sender is
+dropped only while the operator requests no motion, so that the arm never continues by itself.
 """
 
 from __future__ import annotations
@@ -43,12 +43,13 @@ PEAK_FACTOR = 5.0
 
 
 class PeakFilter:
-    """Holds back single spikes: a real rise passes when it has lasted for five readings.
+    """Filter that suppresses single spikes: a real rise passes when it has lasted for five
+    readings.
 
-    A value of more than five times the oldest of the last five readings is replaced by that
-    oldest one, unless the four readings between are that large too. The published filter keeps
-    its own output as the history, so that a rise it has held back once is held back for ever;
-    this filter keeps the sensors' readings.
+    A value of more than five times the oldest of the last five readings is replaced by that oldest
+    one, unless the four readings between are that large too. The published filter keeps its own
+    output as the history, so that a rise suppressed once is suppressed forever; this filter keeps
+    the sensors' readings.
     """
 
     def __init__(self) -> None:
@@ -81,8 +82,8 @@ FORGET_AFTER_S = 2.0
 """Silence after which a sender may be dropped: a restarting program takes less."""
 
 REST_S = 1.0
-"""Time without requested motion before a silent sender is forgotten: longer than a hand pauses
-during a motion."""
+"""Time without requested motion before a silent sender is dropped: longer than a pause of the
+operator's hand during a motion."""
 
 
 class _Sender:
@@ -107,11 +108,11 @@ class ProximityOptions(ListenerOptions):
     half_speed: bool = True
     """False: nothing happens between the two levels."""
     peak_filter: bool = True
-    """Single spikes are held back, which makes a real rise four readings late."""
+    """Suppress single spikes, which delays a real rise by four readings."""
     max_age_s: Annotated[float, READING_AGE_S] = 0.3
-    """Age of the oldest reading that still counts."""
+    """Age of the oldest reading that is still valid."""
     when_stale: Literal["stop", "half", "pass"] = "stop"
-    """Reaction when no reading counts; half: half speed."""
+    """Reaction if no reading is valid; half: half speed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -148,7 +149,7 @@ class ProximityFilter(TwistFilter):
         self._senders.clear()
         self._crowded_s = NEVER_S
         self._level = 0.0
-        """Largest level of the readings that count."""
+        """Largest level of the valid readings."""
         self._level_s = NEVER_S
         """Time of the newest reading of any sender."""
         self._silent = True
@@ -163,7 +164,7 @@ class ProximityFilter(TwistFilter):
         known = self._senders.get(sender)
         if known is None:
             if received_s == NEVER_S:
-                return None  # It lay there when listening began: how old it is cannot be known.
+                return None  # It was queued before listening began, so its age is unknown.
             if len(self._senders) == MAX_SENDERS:
                 self._crowded_s = max(self._crowded_s, received_s)
                 return None
@@ -196,7 +197,7 @@ class ProximityFilter(TwistFilter):
                 self._level = max(self._level, each.level)
 
     def _rest(self, twist: Twist) -> None:
-        """Drop silent senders if the operator rests and another sender is heard."""
+        """Drop silent senders if the operator rests and another sender is active."""
         if any(twist.linear) or any(twist.angular):
             self._rest_s = math.nan
             return

@@ -1,7 +1,5 @@
-"""Sensor datagrams as values: proximity readings and image centroids. Text, no I/O, no clock.
-
-Bad bytes are values too: a :class:`Malformed` with the reason, never an exception.
-"""
+"""Sensor datagrams as values: proximity readings and image centroids. No I/O, no clock. Invalid
+datagrams are values too: a :class:`Malformed` with the reason, never an exception."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ import re
 from typing import NamedTuple
 
 MAX_DATAGRAM_BYTES = 1024
-"""Longest datagram that is read; the skin's text has some 460 bytes."""
+"""Longest datagram accepted, bytes; the skin's text has about 460."""
 
 MAX_VALUES = 256
 """Most plain numbers in one proximity reading."""
@@ -27,7 +25,7 @@ _NUMBER = re.compile(rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})
 
 
 class Malformed(NamedTuple):
-    """A datagram that cannot be decoded, and why."""
+    """Datagram that cannot be decoded, and the reason."""
 
     reason: str
 
@@ -36,9 +34,9 @@ class Centroid(NamedTuple):
     """Position of the target in the image, each -1 to 1 from edge to edge, 0 the middle."""
 
     x: float
-    """To the right."""
+    """Offset to the right, -1 to 1."""
     y: float
-    """Down."""
+    """Offset downwards, -1 to 1."""
 
 
 def _quoted(data: bytes) -> str:
@@ -103,13 +101,13 @@ def _decode_skin(words: list[bytes]) -> tuple[float, ...] | Malformed:
                     sums[index] += value
         boards[board] = sums
     if not any_value:
-        # As zeros this would be free space all round, from a skin that senses nothing.
+        # Zeros would mean free space all around, from a skin that senses nothing.
         return Malformed("every word of the skin is FFF: no sensor gives a value")
     return tuple(total / 3.0 for board in BOARDS for total in boards[board])
 
 
 def decode_centroid(data: bytes) -> Centroid | Malformed:
-    """The target's place in the image from two numbers, ``cx cy``, each -1 to 1."""
+    """Decode the target's position in the image from two numbers, ``cx cy``, each -1 to 1."""
     if len(data) > MAX_DATAGRAM_BYTES:
         return Malformed(f"it is longer than {MAX_DATAGRAM_BYTES} bytes")
     words = data.split()

@@ -17,11 +17,11 @@ LINK_TYPES = frozenset((CAN_SOCKETCAN,))
 HEADER_BYTES = 8
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 HELD_FRAMES = 64
-"""Frames held of a node that is not known yet."""
+"""Number of frames kept of a node that is not identified yet."""
 
 
 class CapturedCanFrame(NamedTuple):
-    """A data frame with an identifier of 11 bits; `cut` when the capture lacks a part of it."""
+    """Data frame with an 11-bit identifier; `cut` if the capture has only a part of it."""
 
     identifier: int
     data: bytes
@@ -29,7 +29,7 @@ class CapturedCanFrame(NamedTuple):
 
 
 def parse(packet: CapturedPacket) -> CapturedCanFrame | None:
-    """The data frame in a packet; None for extended, remote, error and broken frames."""
+    """Return the data frame in a packet; None for extended, remote, error and broken frames."""
     if packet.link_type != CAN_SOCKETCAN or len(packet.data) < HEADER_BYTES:
         return None
     word, size = struct.unpack_from("!IB", packet.data)  # the word is big-endian in any capture
@@ -42,9 +42,9 @@ def parse(packet: CapturedPacket) -> CapturedCanFrame | None:
 class Jr3Can(Dissector):
     """JR3 force-torque sensors' boards on CAN.
 
-    The identifiers of the boards are in use on any CANopen bus as well. A node is taken for a board
-    when its FORCES are followed by its MOMENTS with the same counter, then with the frames from and
-    to it shortly before; or when the user names it.
+    Any CANopen bus uses the boards' identifiers as well. A node is taken for a board when its
+    FORCES are followed by its MOMENTS with the same counter, then with the frames from and to it
+    shortly before; or if the user names it.
     """
 
     name = "JR3"
@@ -115,7 +115,7 @@ class Jr3Can(Dissector):
 
 
 def _value(frame: CapturedCanFrame) -> Any:
-    """Decode a board's or host's message; a text: why it is malformed; None: it is of neither."""
+    """Decode a message of a board or host; a text: why it is malformed; None: of neither."""
     value = jr3_can.decode_from_board(frame.identifier, frame.data)
     if isinstance(value, jr3_can.Malformed):
         return f"{jr3_can.Opcode(value.opcode).name} {value.reason}"
@@ -123,7 +123,7 @@ def _value(frame: CapturedCanFrame) -> Any:
 
 
 def _is_sample(first: Any, second: Any) -> bool:
-    """Whether two messages of one node that follow each other are a board's sample."""
+    """Return True if two successive messages of a node are a board's sample."""
     return (
         isinstance(first, jr3_can.Forces)
         and isinstance(second, jr3_can.Moments)

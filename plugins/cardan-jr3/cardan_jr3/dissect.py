@@ -5,8 +5,8 @@ are little-endian: forces and moments are raw, +-16384 at full scale, cut-off fr
 Written from a description of the board's firmware, independent of Cardan's codec, so that each can
 be checked against the other.
 
-`dissect(identifier, data)` chooses the layer of a frame's payload: UnknownFrame for an opcode that
-is none, BrokenFrame when bytes are missing or a board sends too many; it never raises.
+`dissect(identifier, data)` chooses the layer of a frame's payload: UnknownFrame for an unknown
+opcode, BrokenFrame if bytes are missing or a board sends too many; it never raises.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ SAMPLE_PERIOD_S = 128.5e-6
 
 
 class Jr3Frame(Block):
-    """The payload of a frame."""
+    """Base layer of a frame's payload."""
 
     opcode: ClassVar[int] = 0
     title: ClassVar[str] = ""
     way: ClassVar[Direction] = Direction.TO_DEVICE
-    """From the board or to it."""
+    """Layer that records if the frame is from the board or to it."""
     least_bytes: ClassVar[int] = 0
 
 
@@ -48,14 +48,14 @@ class SyncFrame(Jr3Frame):
 
 
 class AckFrame(Jr3Frame):
-    """Answers a command, and does not say which."""
+    """Acknowledgment of a command, without the name of that command."""
 
     opcode, title, way, least_bytes = 0x100, "ACK", FROM_BOARD, 1
     fields_desc = [ByteEnumField("state", 0, STATES)]
 
 
 class FullScalesAckFrame(Jr3Frame):
-    """Answers a query of full scales: X, Y, Z in N, or in 0.1 N·m."""
+    """Answer to a query of full scales: X, Y, Z in N, or in 0.1 N·m."""
 
     opcode, title, way, least_bytes = 0x100, "ACK", FROM_BOARD, 7
     fields_desc = [
@@ -83,7 +83,7 @@ class StopFrame(Jr3Frame):
 
 
 class ZeroOffsetsFrame(Jr3Frame):
-    """The present filtered value becomes zero."""
+    """Take the present filtered value as zero."""
 
     opcode, title = 0x300, "ZERO_OFFS"
 
@@ -116,21 +116,21 @@ def _sample() -> list[Any]:
 
 
 class ForcesFrame(Jr3Frame):
-    """The first half of a sample."""
+    """First half of a sample."""
 
     opcode, title, way, least_bytes = 0x600, "FORCES", FROM_BOARD, 8
     fields_desc = _sample()
 
 
 class MomentsFrame(Jr3Frame):
-    """The second half, with the same counter."""
+    """Second half of a sample, with the same counter."""
 
     opcode, title, way, least_bytes = 0x680, "MOMENTS", FROM_BOARD, 8
     fields_desc = _sample()
 
 
 class BootupFrame(Jr3Frame):
-    """The board is ready, with a sensor."""
+    """Report of a board that is ready, with a sensor."""
 
     opcode, title, way = 0x700, "BOOTUP", FROM_BOARD
 
@@ -143,14 +143,14 @@ class GripperPwmFrame(Jr3Frame):
 
 
 class UnknownFrame(Jr3Frame):
-    """An opcode that the board ignores."""
+    """Frame with an opcode that the board ignores."""
 
     title = "unknown opcode"
     fields_desc = [StrField("data", b"")]
 
 
 class BrokenFrame(Jr3Frame):
-    """A frame whose length is not its opcode's; the board reads a command's missing bytes as 0."""
+    """Frame whose length is not its opcode's; the board reads a command's missing bytes as 0."""
 
     fields_desc = [StrField("data", b"")]
     title = "broken"
@@ -167,7 +167,7 @@ ACKNOWLEDGED = (
     GetMomentScalesFrame,
     ResetFrame,
 )
-"""The commands that the board answers."""
+"""Opcodes of commands that the board answers."""
 LAYERS: dict[int, type[Jr3Frame]] = {
     layer.opcode: layer
     for layer in (
@@ -179,16 +179,16 @@ LAYERS: dict[int, type[Jr3Frame]] = {
         GripperPwmFrame,
     )
 }
-"""By opcode, of frames with a node id."""
+"""Layers by opcode, of frames with a node id."""
 
 
 def split(identifier: int) -> tuple[int, int]:
-    """Opcode and node id of an identifier."""
+    """Return opcode and node id of an identifier."""
     return identifier & OPCODE_MASK, identifier & NODE_MASK
 
 
 def dissect(identifier: int, data: bytes) -> Jr3Frame:
-    """The layer of a frame's payload."""
+    """Return the layer of a frame's payload."""
     opcode, node = split(identifier)
     layer = LAYERS.get(opcode, UnknownFrame) if node else UnknownFrame
     if identifier == SYNC_IDENTIFIER:
@@ -203,7 +203,7 @@ def dissect(identifier: int, data: bytes) -> Jr3Frame:
 
 
 def malformed(identifier: int, data: bytes) -> str | None:
-    """Why a payload is none of its opcode, None when it is one."""
+    """Return why a payload does not fit its opcode, None if it does."""
     layer = LAYERS.get(identifier & OPCODE_MASK)
     if layer is None or not isinstance(dissect(identifier, data), BrokenFrame):
         return None

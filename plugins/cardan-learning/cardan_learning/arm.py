@@ -1,7 +1,5 @@
-"""An arm that takes actions and gives observations, a few dozen times a second.
-
-Its own session does the rest at the robot's rate: limits, collisions, what becomes of silence.
-"""
+"""Arm that takes actions and gives observations, a few dozen times a second. Its session does the
+rest at the robot's rate: limits, collisions, and the reaction to silence."""
 
 from __future__ import annotations
 
@@ -44,7 +42,7 @@ from cardan_learning.features import (
 from cardan_learning.goal import Approach
 
 SILENCE_S = 0.3
-"""Silence of a stream after which a moving arm is braked: ten frames of 30 a second."""
+"""Silence of a stream after which a moving arm is braked: ten frames at 30 Hz."""
 
 STREAMS: Mapping[ActionKind, Stream] = {
     ActionKind.DELTA: Stream.TWIST,
@@ -54,7 +52,7 @@ STREAMS: Mapping[ActionKind, Stream] = {
 
 
 class ArmActions:
-    """An open arm with the verbs, driven by actions. For one thread; knows no clock."""
+    """Open arm with the verbs, driven by actions. For one thread; has no clock."""
 
     def __init__(
         self,
@@ -65,18 +63,18 @@ class ArmActions:
         gripper: bool,
         reference: Vector3 | None = None,
     ) -> None:
-        """`joints`: their names; `mapping`: the frame of deltas and targets, full speeds, and the
-        approach; `reference`: that of rotation vectors, for :class:`Continuous`."""
+        """`joints`: their names; `mapping`: frame of deltas and targets, full speeds, and the
+        approach; `reference`: reference of rotation vectors, for :class:`Continuous`."""
         self._arm, self.kind, self._mapping = arm, kind, mapping
         self._gripper = gripper
         self.action_names = action_names(kind, gripper)
         self.observation_names = observation_names(joints, gripper)
         self.why_not = ""
-        """Why the newest action moved nothing; empty: it was taken."""
+        """Reason why the newest action moved nothing; empty: it was sent."""
         self._approach = Approach(mapping)
         self._written = Continuous(reference)
         self._latched: Pose | None = None
-        """Where the TCP was commanded to be when a target was first enabled."""
+        """Commanded pose of the TCP when a target was first enabled."""
         self._before_s: float | None = None
         self._stat: Stat | None = None
         self._streaming = self._closed = False
@@ -86,7 +84,8 @@ class ArmActions:
     def observe(self) -> dict[str, float]:
         """Return the measured joints and TCP, and the gripper's last command.
 
-        Raises MotionRefusedError while the robot is silent, MotionLoopError once its session ended.
+        Raises MotionRefusedError while the robot is silent, MotionLoopError after its session has
+        ended.
         """
         stat = self._stat = self._arm.stat()
         if not stat.heard:
@@ -105,8 +104,8 @@ class ArmActions:
         """Send an action within the arm's limits, and return the action really sent, by the same
         names.
 
-        If nothing can be sent, `why_not` says why, and the returned action is an arm that holds.
-        Raises CommandError for numbers that are missing or none, and the errors of `observe`.
+        If nothing can be sent, `why_not` has the reason, and the returned action is that of an arm
+        that holds. Raises CommandError for missing or invalid numbers, and the errors of `observe`.
         """
         numbers = self._checked(action)
         dt_s = 0.0 if self._before_s is None else now_s - self._before_s
@@ -148,7 +147,8 @@ class ArmActions:
         return (*(each / fast for each in linear), *(each / turning for each in angular))
 
     def _axes(self, tcp: Pose) -> tuple[Quaternion, Quaternion]:
-        """Return the rotations of an action's translations and rotations into the base's axes."""
+        """Return the rotation from the axes of an action's translations and rotations to the base's
+        axes."""
         tool = tcp.orientation
         return (
             tool if self._mapping.frame is Frame.TOOL else IDENTITY,
@@ -195,7 +195,7 @@ class ArmActions:
             self._approach.release()
         self._stat = self._arm.stat()
 
-    # -- where the TCP is commanded to be --------------------------------------------------------
+    # -- commanded pose of the TCP --------------------------------------------------------
 
     def _commanded(self) -> Pose:
         self._stat = self._arm.stat()
@@ -213,8 +213,8 @@ class ArmActions:
     # -- streams ---------------------------------------------------------------------------------
 
     def _stream(self, send: Callable[[], str], begins: bool = True) -> None:
-        """Send a streamed command. If no stream is running, it is selected before; without
-        `begins`, nothing is sent then."""
+        """Send a streamed command. If no stream is running, select it first; without `begins`, send
+        nothing in that case."""
         if self._streaming:
             refusal = send()
             if not refusal or self._goes_on():
@@ -228,7 +228,8 @@ class ArmActions:
         return self._arm.get_parameter(Parameter.STREAM) == STREAMS[self.kind]
 
     def _choose(self) -> str:
-        """Choose the stream: the arm is engaged where it is measured. Gives back why not, or ""."""
+        """Select the stream: the arm is engaged at its measured position. Return the reason for a
+        refusal, or ""."""
         try:
             self._arm.set_parameters(
                 {Parameter.STREAM_TIMEOUT: SILENCE_S, Parameter.STREAM: STREAMS[self.kind]}
@@ -241,7 +242,7 @@ class ArmActions:
     # -- the gripper -----------------------------------------------------------------------------
 
     def _act_gripper(self, numbers: Mapping[str, float]) -> dict[str, float]:
-        """Close or open the gripper if that is a new request; return the command really sent."""
+        """Close or open the gripper if the request is new; return the command really sent."""
         if not self._gripper:
             return {}
         name = GRIPPERS[self.kind]

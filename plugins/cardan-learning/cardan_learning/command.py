@@ -45,7 +45,7 @@ def export(
     ] = 10.0,
 ) -> None:
     """Write records as a data set for robot learning: joints, TCP and gripper at a fixed rate, with
-    the poses that were commanded. By LeRobot's own program where it is installed."""
+    the commanded poses. Uses LeRobot's own program if it is installed."""
     from cardan_learning.export import export_lerobot
 
     report = export_lerobot(

@@ -1,7 +1,7 @@
-"""Writes a LeRobotDataset v3.0 without LeRobot: numbers alone, no videos.
+"""Writes a LeRobotDataset v3.0 without LeRobot: numbers only, no videos.
 
-Layout and columns as LeRobot 0.4 to 0.6 write and read them (lerobot/datasets); quantiles are exact
-where LeRobot's own are those of a histogram.
+Layout and columns as LeRobot 0.4 to 0.6 write and read them (lerobot/datasets); quantiles are
+exact, while LeRobot's own come from a histogram.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ OWN_FEATURES: Mapping[str, str] = {
     "index": "int64",
     "task_index": "int64",
 }
-"""Columns of every frame, beside the exported features; each a single number."""
+"""Columns of every frame besides the exported features, each a single number."""
 
 Rows = Sequence[Sequence[float]]
 
@@ -47,7 +47,7 @@ def write_dataset(
     task: str,
     robot_type: str,
 ) -> None:
-    """Write episodes, each the rows of `features` by name, into a new folder. Raises CaptureError,
+    """Write episodes, each the rows of `features` by name, to a new folder. Raises CaptureError,
     ExtraMissingError."""
     try:
         import pyarrow  # noqa: F401
@@ -86,7 +86,7 @@ class _Writer:
 
         described: list[dict[str, Any]] = []
         columns: dict[str, list[list[float]]] = {}
-        """Columns of all episodes: each number of each feature, for the statistics."""
+        """Columns of all episodes, each number of each feature, for the statistics."""
         index = size = file_index = 0
         parquet: Any = None
         try:
@@ -164,7 +164,7 @@ class _Writer:
         }
 
     def _write_tasks(self) -> None:
-        """The tasks are the index of a table of pandas, which its metadata say."""
+        """Write the tasks as the index of a pandas table, described in the file's metadata."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -194,12 +194,12 @@ class _Writer:
 
 
 def _place(file: int) -> dict[str, int]:
-    """Chunk and number in it of a file."""
+    """Return the chunk of a file and its number in the chunk."""
     return {"chunk_index": file // CHUNKS_SIZE, "file_index": file % CHUNKS_SIZE}
 
 
 def _columns(rows: Sequence[Any]) -> Iterator[list[float]]:
-    """The numbers of rows, by their place in them."""
+    """Return the numbers of rows by their index."""
     if isinstance(rows[0], (int, float)):
         yield list(rows)
     else:
@@ -207,7 +207,7 @@ def _columns(rows: Sequence[Any]) -> Iterator[list[float]]:
 
 
 def statistics_of(columns: Sequence[Sequence[float]]) -> dict[str, list[float]]:
-    """Least, largest, mean, deviation and quantiles of each column, and how many numbers it has."""
+    """Return minimum, maximum, mean, deviation, quantiles and count of each column."""
     ordered = [sorted(column) for column in columns]
     means = [math.fsum(column) / len(column) for column in columns]
     return {

@@ -1,7 +1,7 @@
 """An operator device as a source of actions: its states in, numbers by name out.
 
 The rules of dead-man, clutch and rest are those of every session (:mod:`cardan.gateway.operator`).
-No arm is known here: the device moves a TCP of its own, which is where it was taken hold of.
+There is no arm here: the device moves a virtual TCP, which starts where the operator engages it.
 """
 
 from __future__ import annotations
@@ -44,26 +44,26 @@ from cardan_learning.features import (
 )
 
 LONGEST_STEP_S = 0.1
-"""Time that was lost beyond this is lost: the device's TCP does not make up for it."""
+"""Longest time step: the device's TCP does not make up for a longer pause."""
 
 DEVICE_ACTIONS = (ActionKind.DELTA, ActionKind.TARGET)
 
 
 @dataclass(frozen=True)
 class EventButtons:
-    """Buttons by which an operator tells what becomes of an episode; empty: none."""
+    """Buttons for an operator's verdict on an episode; empty: none."""
 
     success: str = ""
     failure: str = ""
     again: str = ""
-    """Ends the episode, which is to be recorded anew."""
+    """Button that ends the episode, which is to be recorded again."""
 
 
 class DeviceEvents(NamedTuple):
     """The operator's button events since the last call."""
 
     intervenes: bool
-    """Whether the operator holds the arm now, or would."""
+    """True while the operator controls the arm, or would."""
     ends: bool
     succeeded: bool
     again: bool
@@ -82,7 +82,8 @@ class DeviceActions:
         device_age_s: float,
         buttons: EventButtons | None = None,
     ) -> None:
-        """Raises ConfigurationError for a mapping that gives no actions of this kind."""
+        """Prepare the mapping. Raises ConfigurationError for a mapping that gives no actions of
+        this kind."""
         if mapping.mode is Mode.ABSOLUTE:
             raise ConfigurationError(
                 "mapping.mode",
@@ -104,13 +105,14 @@ class DeviceActions:
         self._before_s: float | None = None
         self._arming = Arming.DISARMED
         self._at = IDENTITY_POSE
-        """Where the TCP that the device moves is, from where it was taken hold of."""
+        """Pose of the virtual TCP, relative to where the operator engaged it."""
         self._gripped: bool | None = None
-        """Whether the gripper was told to close; None: nothing new was told."""
+        """True if the gripper was commanded to close; None: no new command."""
         self._ends = self._succeeded = self._again = False
 
     def update(self, device: DeviceState, events: Sequence[ButtonEvent], now_s: float) -> None:
-        """Take the device's state of `now_s`, and the edges of its buttons since the last call."""
+        """Process the device's state of `now_s`, and the edges of its buttons since the last
+        call."""
         before_s = now_s if self._before_s is None else self._before_s
         dt_s = min(max(now_s - before_s, 0.0), LONGEST_STEP_S)
         self._before_s = now_s
@@ -163,7 +165,7 @@ class DeviceActions:
         return [speed / most for speed, most in zip((*twist[0], *twist[1]), full, strict=True)]
 
     def events(self) -> DeviceEvents:
-        """Return the button events since the last call, and whether the operator intervenes."""
+        """Return the button events since the last call, and if the operator intervenes."""
         request = self._request
         reported = DeviceEvents(
             request is not None and (self._arming is Arming.CLAIMING or request.following),
@@ -175,21 +177,21 @@ class DeviceActions:
         return reported
 
     def advice(self) -> str:
-        """Advice if the operator's motion moves nothing; empty: it does."""
+        """Return advice if the operator's motion moves nothing; empty: it does."""
         if self._request is not None and self._request.following:
             return ""
         return self._source.advice("", self._arming)
 
 
 def turns_with_tool(mapping: MappingOptions) -> bool:
-    """Whether turns are about the tool's axes, and not about the base's."""
+    """True if rotations are about the tool's axes, not the base's."""
     if mapping.orientation is None:
         return mapping.frame is not Frame.BASE
     return mapping.orientation is Orientation.FOLLOW_TOOL
 
 
 def moved(at: Pose, twist: Twist, dt_s: float) -> Pose:
-    """`at` after `twist`, along its own frame's axes, for `dt_s`."""
+    """Return `at` moved by `twist`, along its own frame's axes, for `dt_s`."""
     way, turn = scale(twist.linear, dt_s), from_rotation_vector(scale(twist.angular, dt_s))
     if twist.frame is Frame.TOOL:
         way = rotate(at.orientation, way)
@@ -201,5 +203,5 @@ def moved(at: Pose, twist: Twist, dt_s: float) -> Pose:
 
 
 def _robot(now_s: float, dt_s: float) -> RobotState:
-    """The arm that is not there: heard now, and ready."""
+    """Return the state of a missing arm: heard now, and ready."""
     return RobotState(now_s, RobotLink.LIVE, 0, 0, dt_s, (), (), None, "")

@@ -1,5 +1,5 @@
-"""Exports records as data sets for robot learning: LeRobot's, by its own program where it is
-there."""
+"""Exports records as LeRobot data sets for robot learning, by LeRobot's own program if it is
+installed."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from cardan_learning.resample import LONGEST_FILL_S, Frames, read_frames
 
 OBSERVATION, ACTION = "observation.state", "action"
 ROBOT_TYPE = "cardan"
-"""The name of Cardan's arms as robots of LeRobot."""
+"""Name of Cardan's arms as robots of LeRobot."""
 
 REFERENCE_PATH = "meta/cardan.json"
-"""Beside LeRobot's own files, of which it reads no others: the reference of rotation vectors, rad,
-and the model whose home it is."""
+"""File beside LeRobot's own, which ignores it: the reference of rotation vectors, rad, and the
+model of its home pose."""
 
 MOST_FPS = 1000
 MOST_GAPS = 5
-"""That are reported of one episode, one by one."""
+"""Most problems of an episode that are reported one by one."""
 
 
 @dataclass
@@ -42,15 +42,15 @@ class ExportReport:
     folder: Path
     frames: Frames
     writer: str
-    """The author."""
+    """Name of the program that wrote the data set."""
 
     @property
     def complete(self) -> bool:
-        """Whether nothing was left out or missing."""
+        """True if nothing was left out or missing."""
         return not self.frames.problems and not any(each.gaps for each in self.frames.episodes)
 
     def lines(self) -> list[str]:
-        """For people."""
+        """Return the report as text."""
         fps = self.frames.fps
         said = []
         for number, episode in enumerate(self.frames.episodes):
@@ -123,7 +123,7 @@ def export_lerobot(
 
 
 def _write_reference(folder: Path, frames: Frames) -> None:
-    """By which of two equal rotation vectors was decided, which LeRobot's own files cannot say."""
+    """Write the reference of rotation vectors, which LeRobot's own files have no field for."""
     table = {"model": frames.model, "rotation_vector_reference": frames.written.reference}
     path = folder / REFERENCE_PATH
     try:
@@ -134,12 +134,12 @@ def _write_reference(folder: Path, frames: Frames) -> None:
 
 
 def _lerobot() -> tuple[Any, str]:
-    """The module with LeRobot's class of data sets; or None, and why it is not used."""
+    """Return the module with LeRobot's class of data sets; or None and why it is not used."""
     try:
         importlib.import_module("lerobot")
         package = importlib.import_module("lerobot.datasets")
         module = importlib.import_module("lerobot.datasets.lerobot_dataset")
-    except Exception as error:  # Its own imports may be broken in any way.
+    except Exception as error:  # Its own imports may fail with any error.
         if shortage(error):
             raise
         missing = isinstance(error, ModuleNotFoundError) and error.name == "lerobot"

@@ -1,6 +1,6 @@
 """Names of observations and actions, and the representation of orientations.
 
-Names are LeRobot's where it has some: those of its gamepad (``delta_*``), of its phone
+Names are LeRobot's where it has one: those of its gamepad (``delta_*``), of its phone
 (``target_*``), of its kinematics (``ee.*``), and of joints (``*.pos``).
 """
 
@@ -22,42 +22,42 @@ class ActionKind(enum.Enum):
     """Meaning of an action's numbers."""
 
     DELTA = "delta"
-    """How fast the TCP moves, as shares of full speed."""
+    """Velocity of the TCP, as shares of full speed."""
     TARGET = "target"
-    """Where the TCP is to be, counted from where it was when the device took hold of it."""
+    """Pose of the TCP, relative to where it was when the operator engaged the device."""
     POSE = "pose"
-    """Where the TCP is to be, in the arm's base."""
+    """Pose of the TCP in the arm's base frame."""
 
 
 CLOSE, STAY, OPEN = 0.0, 1.0, 2.0
 """Values of "gripper": its present motion."""
 
 CLOSING, OPENING = -1.0, 1.0
-"""Of "gripper_vel"; 0: it stays."""
+"""Values of "gripper_vel"; 0: the gripper stays."""
 
 CLOSED, WIDE = 0.0, 100.0
-"""Of "gripper.pos" and "ee.gripper_pos"."""
+"""Limits of "gripper.pos" and "ee.gripper_pos", percent."""
 
 MOTIONS: Mapping[ActionKind, tuple[str, ...]] = {
     ActionKind.DELTA: tuple(f"delta_{axis}" for axis in AXES),
     ActionKind.TARGET: ("enabled", *(f"target_{axis}" for axis in AXES)),
     ActionKind.POSE: tuple(f"ee.{axis}" for axis in AXES),
 }
-"""Names of what an action says of the TCP."""
+"""Names of an action's numbers for the TCP."""
 
 GRIPPERS: Mapping[ActionKind, str] = {
     ActionKind.DELTA: "gripper",
     ActionKind.TARGET: "gripper_vel",
     ActionKind.POSE: "ee.gripper_pos",
 }
-"""Name of what an action says of the gripper."""
+"""Name of an action's number for the gripper."""
 
 GRIPPER = "gripper.pos"
-"""The gripper in an observation."""
+"""Name of the gripper in an observation."""
 
 
 def action_kind(name: str, allowed: Sequence[ActionKind]) -> ActionKind:
-    """The kind of this name. Raises OptionError."""
+    """Return the kind with this name. Raises OptionError."""
     for each in allowed:
         if each.value == name:
             return each
@@ -65,13 +65,13 @@ def action_kind(name: str, allowed: Sequence[ActionKind]) -> ActionKind:
 
 
 def action_names(kind: ActionKind, gripper: bool) -> tuple[str, ...]:
-    """Names of the numbers of an action, in order."""
+    """Return the names of an action's numbers, in order."""
     return (*MOTIONS[kind], GRIPPERS[kind]) if gripper else MOTIONS[kind]
 
 
 def observation_names(joints: Sequence[str], gripper: bool) -> tuple[str, ...]:
-    """Names of the numbers of an observation, in order: measured joints (rad, or m where they
-    slide), the measured TCP in the base (m, rotation vector in rad), the gripper."""
+    """Return the names of an observation's numbers, in order: measured joints (rad, or m for
+    prismatic ones), the measured TCP in the base (m, rotation vector in rad), the gripper."""
     names = (*(f"{joint}.pos" for joint in joints), *MOTIONS[ActionKind.POSE])
     return (*names, GRIPPER) if gripper else names
 
@@ -87,31 +87,31 @@ def six_of(pose: Pose) -> tuple[float, ...]:
 
 
 LONG_RAD = 2.6
-"""Length of a rotation vector above which its sign says little: a tool that points down turns by
-about pi, where both signs mean nearly the same."""
+"""Length of a rotation vector above which its sign is ambiguous: a tool that points down is turned
+by about pi, where both signs mean nearly the same."""
 
 
 def reference_of(model: ArmModel, tool: Pose) -> Vector3:
-    """The rotation vector of an arm's TCP with this tool at its home, as `Continuous` takes it: it
-    is the same for all sessions, and data sets, of the arm."""
+    """Return the rotation vector of an arm's TCP with this tool at its home, for `Continuous`. It
+    is the same for all sessions and data sets of the arm."""
     home = compose(model.home_tcp, tool)
     return _signed(to_rotation_vector(normalized(home.orientation)))
 
 
 class Continuous:
-    """Writer of rotation vectors that do not jump where a turn passes pi.
+    """Choice of rotation vectors that do not jump when a rotation passes pi.
 
     The same orientation is w and w - 2 pi w/|w|: the one nearer to the reference is taken. The
     result depends on the orientation and the reference alone, not on earlier calls.
     """
 
     def __init__(self, reference: Vector3 | None = None) -> None:
-        """`reference`: see `reference_of`; None, where no model of the arm is known: the first
-        orientation is."""
+        """`reference`: see `reference_of`; None, if no model of the arm is known: the first
+        orientation is used."""
         self.reference = reference
 
     def of(self, six: Sequence[float]) -> tuple[float, ...]:
-        """Position and rotation vector of a pose, the latter rewritten."""
+        """Return position and rotation vector of a pose, the latter without jumps."""
         turn = Vector3(*six[3:])
         if self.reference is None:
             self.reference = _signed(turn)
@@ -122,8 +122,9 @@ class Continuous:
 
 
 def _signed(turn: Vector3) -> Vector3:
-    """`turn`, or where it is long perhaps the other one, such that the first of its numbers that is
-    at least half as large as the largest is above 0: where two are alike, noise decides nothing."""
+    """Return `turn`, or if it is long perhaps its alternative: the one whose first component of at
+    least half the largest is positive. This keeps noise from deciding when two components are
+    alike."""
     angle = math.hypot(*turn)
     if angle <= LONG_RAD:
         return turn

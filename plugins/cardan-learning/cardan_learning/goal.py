@@ -1,8 +1,6 @@
-"""Motion to goals that come a few dozen times a second, from the arm's commanded position.
-
-The first goal, and any that is far, is approached slowly: however wrong it is, the arm does not
-jump. After that each goal is passed on unchanged; the arm's own limits hold in any case.
-"""
+"""Motion to goals that arrive a few dozen times a second, from the arm's commanded pose. The first
+goal, and any distant one, is approached slowly: however wrong it is, the arm does not jump. After
+that each goal is passed on unchanged; the arm's own limits apply in any case."""
 
 from __future__ import annotations
 
@@ -21,30 +19,30 @@ ARRIVED_M, ARRIVED_RAD = 0.002, 0.01
 """Distance to its goal at which the arm has arrived."""
 
 LONGEST_STEP_S = 0.1
-"""Time that was lost beyond this is lost."""
+"""Longest time step; a longer pause is not made up for."""
 
 
 class Approach:
-    """The arm's reference on its way to a goal. Has no clock."""
+    """The arm's reference on its way to a goal. Time is an argument."""
 
     def __init__(self, options: MappingOptions) -> None:
-        """`options`: their approach speeds, and how far a goal may be before it is approached."""
+        """`options`: their approach speeds, and the distance from which a goal is approached."""
         self._options = options
         self._at: Pose | None = None
         self.arrived = False
-        """Whether goals are handed on as they are."""
+        """True if goals are passed on unchanged."""
 
     @property
     def engaged(self) -> bool:
-        """Whether it has begun."""
+        """True between `engage` and `release`."""
         return self._at is not None
 
     def engage(self, tcp: Pose) -> None:
-        """Begin where the TCP is commanded to be."""
+        """Begin at the commanded pose of the TCP."""
         self._at, self.arrived = tcp, False
 
     def release(self) -> None:
-        """The next goal is a first one."""
+        """Forget the pose; the next `engage` begins with an approach."""
         self._at, self.arrived = None, False
 
     def step(self, goal: Pose, tcp: Pose, dt_s: float) -> Pose:
@@ -70,14 +68,14 @@ class Approach:
                 Frame.BASE,
             )
             if not farther_apart_than(tcp, ahead, options.slip_m, options.slip_rad):
-                at = ahead  # An arm that does not follow is waited for.
+                at = ahead  # Wait for an arm that does not follow.
             self.arrived = not farther_apart_than(at, goal, ARRIVED_M, ARRIVED_RAD)
         self._at = goal if self.arrived else at
         return self._at
 
 
 def farther_apart_than(a: Pose, b: Pose, most_m: float, most_rad: float) -> bool:
-    """Whether two poses are farther apart than that."""
+    """Return True if two poses are farther apart than either of these distances."""
     return (
         norm(subtract(b.position, a.position)) > most_m
         or norm(rotation_between(a.orientation, b.orientation)) > most_rad

@@ -1,8 +1,6 @@
-"""From records to episodes of frames at a fixed rate: what learning programs read.
-
-Sources are what a session publishes of its arm (:mod:`cardan.gateway.bus.arm_topics`): all of one
-instant has the same stamp, which is that of the robot's state.
-"""
+"""Conversion of records to episodes of frames at a fixed rate, as learning programs read them.
+Sources are the topics that a session publishes of its arm (:mod:`cardan.gateway.bus.arm_topics`):
+all values of an instant have the stamp of the robot's state."""
 
 from __future__ import annotations
 
@@ -53,21 +51,22 @@ from cardan_learning.features import (
 )
 
 LONGEST_GAP_NS = NS // 5
-"""Between two states: a longer gap is reported, and the state before it holds until its end."""
+"""Longest time between two states; a longer gap is reported, and the state before it holds until
+its end."""
 
 LONGEST_FILL_S = 10.0
-"""Longest gap within an episode, unless another is asked for: at a longer one it ends, and another
-begins after it."""
+"""Default of the longest gap within an episode: a longer one ends the episode, and another begins
+after it."""
 
 FEWEST_FRAMES = 2
-"""Frames of the shortest episode: shorter ones are left out, and reported."""
+"""Frames of the shortest episode; shorter ones are dropped and reported."""
 
 JOINTS = "/joint_states"
-"""End of its name, after the node's namespace."""
+"""End of the topic's name, after the node's namespace."""
 
 
 class Gap(NamedTuple):
-    """Two neighbors that are too far apart."""
+    """Two successive samples that are too far apart."""
 
     what: str
     at_ns: int
@@ -76,18 +75,18 @@ class Gap(NamedTuple):
 
 @dataclass
 class Track:
-    """Values with growing stamps."""
+    """Values with increasing stamps."""
 
     what: str
     stamps_ns: list[int] = field(default_factory=list)
     values: list[tuple[float, ...]] = field(default_factory=list)
     disordered: int = 0
-    """Left out, as their stamps did not grow."""
+    """Number of values dropped because their stamps did not increase."""
     unusable: int = 0
-    """Left out, as they are no numbers, or not as many as before."""
+    """Number of values dropped because they are not numbers, or not as many as before."""
 
     def add(self, stamp_ns: int, value: tuple[float, ...]) -> None:
-        """Take a value, where it comes after those before."""
+        """Add a value if it is later than those before."""
         if not is_finite(value) or (self.values and len(value) != len(self.values[0])):
             self.unusable += 1
         elif self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
@@ -99,8 +98,8 @@ class Track:
             self.values.append(value)
 
     def _newest_is_alone_before(self, stamp_ns: int) -> bool:
-        """Whether the newest value is far from the one before and from this one, which follow each
-        other: its stamp is of a clock that was set."""
+        """Return True if the newest value is far from the previous one and from this one, which
+        follow each other: its stamp is of a clock that was set."""
         if self.stamps_ns[-1] - stamp_ns <= LONGEST_GAP_NS:
             return False
         return len(self.stamps_ns) == 1 or (
@@ -109,8 +108,8 @@ class Track:
         )
 
     def at(self, stamp_ns: int) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-        """The values before and after a time that is within, and how far it is between them, 0 to
-        1; within a gap 0."""
+        """Return the values before and after a time within the track, and the share of the way
+        between them, 0 to 1; within a gap 0."""
         index = min(bisect.bisect_right(self.stamps_ns, stamp_ns), len(self.stamps_ns) - 1)
         before_ns, after_ns = self.stamps_ns[index - 1], self.stamps_ns[index]
         if stamp_ns >= after_ns:
@@ -146,7 +145,7 @@ class Changes:
             self.values.append(value)
 
     def at(self, stamp_ns: int) -> str:
-        """The value then; before the first one "" ."""
+        """Return the value at a time; "" before the first one."""
         index = bisect.bisect_right(self.stamps_ns, stamp_ns)
         return self.values[index - 1] if index else ""
 
@@ -157,33 +156,33 @@ class ArmTracks:
 
     joints: Track = field(default_factory=lambda: Track("joints"))
     names: tuple[str, ...] = ()
-    """Of the joints."""
+    """Track of the joints."""
     poses: Track = field(default_factory=lambda: Track("measured poses"))
-    """Of the TCP: position and quaternion, scalar first."""
+    """Track of the measured TCP: position and quaternion, scalar first."""
     targets: Track = field(default_factory=lambda: Track("commanded poses"))
-    """Of the TCP, in the same form."""
+    """Track of the commanded TCP, in the same form."""
     authority: Changes = field(default_factory=Changes)
-    """The source that had it."""
+    """Source that had the authority."""
     gripper: Changes = field(default_factory=Changes)
-    """"closed" or "open"."""
+    """State of the gripper, "closed" or "open"."""
     model: str = ""
-    """Of the arm, as its session's configuration names it; empty: none that is known here."""
+    """Model of the arm from its session's configuration; empty: not known on this computer."""
     reference: Vector3 | None = None
-    """Of rotation vectors: that of the model with the session's tool; None: without one."""
+    """Reference of rotation vectors: that of the model with the session's tool; None: no model."""
 
     @property
     def tracks(self) -> tuple[Track, ...]:
-        """All that frames are made of."""
+        """Return the tracks that frames are made of."""
         return self.joints, self.poses, self.targets
 
     @property
     def missing(self) -> str:
-        """Names of the tracks too short for a single frame; empty: none."""
+        """Return the names of tracks too short for a single frame; empty: none."""
         return ", ".join(each.what for each in self.tracks if len(each.values) < FEWEST_FRAMES)
 
     @property
     def rate_hz(self) -> float:
-        """States a second."""
+        """Return the number of states per second."""
         stamps_ns = self.poses.stamps_ns
         periods = [b - a for a, b in itertools.pairwise(stamps_ns)]
         return NS / statistics.median(periods)
@@ -203,15 +202,15 @@ class Episode:
 
 @dataclass
 class Frames:
-    """All that is exported, and the report on it."""
+    """All exported data, and the report on it."""
 
     fps: int
     observation_names: tuple[str, ...]
     action_names: tuple[str, ...]
     model: str
-    """Of the arm; empty: the records name none that is known here."""
+    """Model of the arm; empty: the records name none that is known on this computer."""
     written: Continuous
-    """Writes the rotation vectors."""
+    """Converter to rotation vectors."""
     episodes: list[Episode] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
 
@@ -227,7 +226,7 @@ def read_frames(
     """Episodes of records, one a file, or one for each time in which a source had the authority.
 
     `arm`: full name of an arm's node; empty: the only one. `longest_gap_s`: longest time without a
-    state that is filled; at a longer one an episode ends. Raises CaptureError, OptionError.
+    state that is filled; a longer one ends an episode. Raises CaptureError, OptionError.
     """
     found = [(path, *_read(path, arm)) for path in paths]
     names = found[0][1].names
@@ -359,7 +358,7 @@ def _take_configuration(tracks: ArmTracks, message: Message, _published_ns: int)
         arm = read_table(ArmTable, named, "arm")
         tracks.reference = reference_of(load_arm(arm.model), arm.tool())
     except ConfigurationError:
-        return  # Of another version, or a file that is not on this computer.
+        return  # A model of another version, or a file that is missing on this computer.
     tracks.model = arm.model
 
 
@@ -382,7 +381,7 @@ _TAKEN: Mapping[str, _Take] = {
 
 
 def _spans(tracks: ArmTracks, each_engagement: bool) -> Iterable[tuple[int, int]]:
-    """First and last stamp of each episode."""
+    """Return the first and last stamp of each episode."""
     first_ns = max(track.stamps_ns[0] for track in tracks.tracks)
     last_ns = min(track.stamps_ns[-1] for track in tracks.tracks)
     if not each_engagement:
@@ -398,7 +397,7 @@ def _spans(tracks: ArmTracks, each_engagement: bool) -> Iterable[tuple[int, int]
 
 
 def _breaks(tracks: ArmTracks, longest_gap_s: float) -> list[Gap]:
-    """The gaps that are not filled, in the order of time."""
+    """Return the gaps that are not filled, in the order of time."""
     found: list[Gap] = []
     for track in tracks.tracks:
         gaps = track.gaps(track.stamps_ns[0], track.stamps_ns[-1])
@@ -407,7 +406,7 @@ def _breaks(tracks: ArmTracks, longest_gap_s: float) -> list[Gap]:
 
 
 def _without(breaks: Iterable[Gap], spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """Yield the times that the gaps leave of `spans`."""
+    """Yield the parts of `spans` between the gaps."""
     for first_ns, last_ns in spans:
         begin_ns = first_ns
         for gap in breaks:
@@ -440,7 +439,7 @@ def _episode(
 
 
 def _between(before: Sequence[float], after: Sequence[float], share: float) -> Pose:
-    """The pose at a share of the way from one to another."""
+    """Return the pose at a share of the way between two poses."""
     place = Vector3(*(a + share * (b - a) for a, b in zip(before[:3], after[:3], strict=True)))
     first = normalized(Quaternion(*before[3:]))
     turn = rotation_between(first, normalized(Quaternion(*after[3:])))

@@ -1,4 +1,4 @@
-"""A device or an arm of a session's file, or of a driver's name and its options."""
+"""Set-up of a device or an arm from a session's file, or from a driver's name and its options."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Table = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceConfig(Options):
-    """Tables of a session's file that a source of actions reads."""
+    """Tables of a session's file used by a source of actions."""
 
     device: DriverTable
     mapping: MappingOptions = field(default_factory=MappingOptions)
@@ -43,7 +43,7 @@ class DeviceConfig(Options):
 
 
 class ActionDevice(NamedTuple):
-    """An operator device that is not open yet, and its actions."""
+    """Operator device that is not open yet, and its actions."""
 
     device: OperatorDevice
     actions: DeviceActions
@@ -59,8 +59,9 @@ def make_device(
     action: str = "delta",
     buttons: EventButtons | None = None,
 ) -> ActionDevice:
-    """The device of `session`, a session's file, or of `driver` with its `options`; `mapping` and
-    `gripper` are tables as such a file has them, in place of its own. Raises ConfigurationError."""
+    """Return the device of `session`, a session's file, or of `driver` with its `options`;
+    `mapping` and `gripper` are tables as such a file has them, in place of its own. Raises
+    ConfigurationError."""
     with _in_file(session):
         tables = _tables(session, driver, {"device": options}, DeviceConfig)
         config = read_table(DeviceConfig, {**tables, **_given(mapping=mapping, gripper=gripper)})
@@ -76,18 +77,18 @@ def make_device(
 
 
 class Arm(NamedTuple):
-    """An arm that is not open yet."""
+    """Arm that is not open yet."""
 
     make: Callable[[], CartesianArm]
-    """Makes it, to be opened."""
+    """Factory of the arm, which is opened afterwards."""
     joints: tuple[str, ...]
-    """Their names, in kinematic order."""
+    """Names of the joints, in kinematic order."""
     kind: ActionKind
     mapping: MappingOptions
     gripper: bool
-    """Whether it has one."""
+    """True if the arm has a gripper."""
     reference: Vector3
-    """Of its rotation vectors: :func:`~cardan_learning.features.reference_of`."""
+    """Reference of its rotation vectors: :func:`~cardan_learning.features.reference_of`."""
 
 
 def make_arm(
@@ -145,7 +146,7 @@ def make_arm(
 
 
 def _arm_config(tables: dict[str, Any], model: str, given: dict[str, Table]) -> SessionConfig:
-    """That of an arm without operator: its parts are checked."""
+    """Return the configuration of an arm without operator, with its parts checked."""
     if model:
         tables["arm"] = {**tables.get("arm", {}), "model": model}
     config = dataclasses.replace(
@@ -162,15 +163,15 @@ def _arm_config(tables: dict[str, Any], model: str, given: dict[str, Table]) -> 
 
 
 def _in_file(session: str) -> AbstractContextManager[None]:
-    """Errors of keys say where they stand in the session's file; without one nowhere."""
+    """Context in which errors of keys name their place in the session's file, if there is one."""
     return in_file(Path(session)) if session else nullcontext()
 
 
 def _tables(
     session: str, driver: str, options: Mapping[str, Table | None], kind: type
 ) -> dict[str, Any]:
-    """The tables of a file, or of one driver; `options`: which table is the driver's, and what else
-    is in it."""
+    """Return the tables of a file or of a single driver; `options`: name of the driver's table, and
+    other contents."""
     ((key, given),) = options.items()
     if bool(session) is bool(driver):
         raise ConfigurationError(
@@ -202,4 +203,4 @@ def _remote(address: str) -> CartesianArm:
 
 
 SOURCE = "learning"
-"""Name of the programs' source in the arm's authority."""
+"""Name of the program as a source in the arm's authority."""

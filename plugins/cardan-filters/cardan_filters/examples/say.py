@@ -1,7 +1,7 @@
-"""Says the same to a filter of shared control twenty times a second, as a sensor's program would.
+"""Send a constant reading to a filter of shared control twenty times a second, like a sensor's
+program.
 
-python say.py proximity.sock 20
-python say.py camera.sock 0.4 -0.3
+python say.py proximity.sock 20 python say.py camera.sock 0.4 -0.3
 """
 
 import socket

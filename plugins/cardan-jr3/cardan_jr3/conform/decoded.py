@@ -31,7 +31,7 @@ class Said(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """A request of ours, and the acknowledgment that came next."""
+    """Request of the host, and the next acknowledgment."""
 
     number: int
     time_s: float
@@ -40,7 +40,7 @@ class Asked(NamedTuple):
 
 
 class Jr3Traffic:
-    """The frames of one node."""
+    """Frames of one node."""
 
     def __init__(self, timeline: WireTimeline, node_id: int) -> None:
         self.phases = timeline.phases()
@@ -48,7 +48,7 @@ class Jr3Traffic:
         self.said: list[Said] = []
         self.malformed: list[tuple[int, str]] = []
         self.frames: dict[int, CanFrame] = {}
-        """Of the board, those that are malformed too."""
+        """Frames of the board, including malformed ones."""
         asked: list[tuple[int, float, HostMessage]] = []
         for number, event in enumerate(timeline):
             frame = unpack(event.data) if event.kind is Kind.DATA else None
@@ -77,11 +77,11 @@ class Jr3Traffic:
             self.asked.append(Asked(number, time_s, message, ack))
 
     def phase(self, name: str) -> TimelinePhase | None:
-        """The phase of that name, if the pilot came to it."""
+        """Phase of that name, if the scenario reached it."""
         return self.phases.get(name)
 
     def during(self, *names: str) -> list[Said]:
-        """The messages of these phases."""
+        """Messages of these phases."""
         found = [self.phases[name] for name in names if name in self.phases]
         return [s for s in self.said if any(p.first <= s.number < p.end for p in found)]
 
@@ -90,7 +90,7 @@ class Jr3Traffic:
         return [s for s in self.during(*names) if isinstance(s.value, (Forces, Moments))]
 
     def scales(self) -> FullScales | None:
-        """The full scales that the board told."""
+        """Full scales that the board reported."""
         found = [
             each.ack.value.full_scales
             for each in self.asked

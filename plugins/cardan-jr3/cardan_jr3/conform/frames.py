@@ -1,4 +1,4 @@
-"""CAN frames as the bytes of events: as Linux writes them into captures."""
+"""CAN frames as bytes of events, in the format that Linux writes into captures."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _NOT_PLAIN = 0xE000_0000
 
 
 def pack(frame: CanFrame) -> bytes:
-    """`frame` as an event has it."""
+    """Encode `frame` as an event's bytes."""
     return _FORM.pack(frame.arbitration_id, len(frame.data)) + frame.data
 
 
 def unpack(data: bytes) -> CanFrame | None:
-    """The data frame with an eleven-bit identifier; None for anything else. Never raises."""
+    """Decode a data frame with an 11-bit identifier; None for anything else. Never raises."""
     if len(data) < _FORM.size:
         return None
     word, size = _FORM.unpack_from(data)

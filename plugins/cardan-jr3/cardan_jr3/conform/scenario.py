@@ -1,4 +1,4 @@
-"""Asks a JR3 board: what it is, then samples by its own clock, then by SYNC."""
+"""Scenario: queries a JR3 board's properties, then takes samples by its own clock, then by SYNC."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ HAND_S = 30.0
 
 
 class Jr3Scenario(Scenario):
-    """A host on the bus, with one request open at a time."""
+    """Host on the bus, with one request open at a time."""
 
     def __init__(self, level: Level, seconds: float, node_id: int) -> None:
         self._level = level

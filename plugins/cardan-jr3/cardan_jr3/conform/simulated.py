@@ -1,4 +1,4 @@
-"""The simulated board and a pilot in virtual time."""
+"""Simulated board and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OFFSET = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
 
 
 class Jr3Simulation:
-    """A bus with two nodes."""
+    """Bus with two nodes."""
 
     def __init__(
         self, exchange: Exchange, node_id: int, faults: Mapping[str, float], seed: int
@@ -35,7 +35,7 @@ class Jr3Simulation:
         self._now_s = 0.0
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
+        """Run until the scenario's script has ended."""
         exchange, board = self._exchange, self._board
         while not exchange.over and self._now_s < LONGEST_S:
             self._do(exchange.due(self._now_s))

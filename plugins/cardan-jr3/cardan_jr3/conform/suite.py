@@ -37,7 +37,7 @@ class Jr3(Suite[Jr3Traffic]):
     requirements = requires.all()
     transport = SuiteTransport("can")
     seconds = 2.0
-    # Times count from when it is told to acquire.
+    # Times count from the command to acquire.
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "sensor-unplug": 1.5,
         "power-cycle": 1.5,

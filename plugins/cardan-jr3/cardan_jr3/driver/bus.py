@@ -1,7 +1,5 @@
-"""A CAN bus by python-can, as the JR3 driver needs it: its errors say what to do.
-
-python-can is LGPL and so an extra: it is imported when a bus is opened and not before.
-"""
+"""CAN bus of the JR3 driver by python-can, with errors that advise the user. python-can is LGPL and
+therefore an extra: it is imported only when a bus is opened."""
 
 from __future__ import annotations
 
@@ -26,13 +24,13 @@ if TYPE_CHECKING:
     import can
 
 PACKAGE = "a CAN bus", "python-can", "can"
-"""Feature that needs python-can, its name, and the extra that installs it."""
+"""The feature that needs python-can, the package's name, and the extra that installs it."""
 SEND_TIMEOUT_S = 0.05
 CONNECT_TIMEOUT_S = 1.0
 GREETING = b"< hi >"
 """First bytes that socketcand sends to a client."""
 GARBLED_AT_MOST = 50
-"""Unreadable frames in a row after which the interface is opened anew."""
+"""Unreadable frames in a row after which the interface is reopened."""
 ARPHRD_CAN = "280"
 _IFF_UP = 0x1
 _NO_ROUTE = (errno.ENODEV, errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL)
@@ -40,32 +38,32 @@ _NO_NETWORK = (errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL, errno.EAFNO
 
 
 class Unusable(NamedTuple):
-    """A received frame that is no data frame with an eleven-bit identifier."""
+    """Received frame other than a data frame with an 11-bit identifier."""
 
     kind: str
-    """The counter of the core that it belongs to."""
+    """Name of the core's counter for it."""
 
 
 class CanBus:
-    """An open bus. Raises OSError when it is gone.
-
-    A bus that `echoes` returns sent frames, as udp_multicast does whatever python-can's options.
+    """Open bus. Its methods raise OSError once it is gone. A bus that `echoes` also returns sent
+    frames, as udp_multicast does regardless of python-can's options.
     """
 
     def __init__(self, bus: can.BusABC, *, echoes: bool = False) -> None:
         import can
 
         self._bus = bus
-        # python-can takes the end of socketcand's stream for nothing to read, and spins.
+        # python-can reads the end of socketcand's stream as "no frame yet", and spins.
         self._stream: socket.socket | None = getattr(bus, "_SocketCanDaemonBus__socket", None)
         self._message = can.Message
         self._error = can.CanError
         self._garbled = 0
         self._mark = secrets.token_hex(8) if echoes else None
-        """Channel that python-can sends along with our frames, and that no board knows."""
+        """Channel number that python-can adds to our frames and that no board uses."""
 
     def receive(self, timeout_s: float) -> CanFrame | Unusable | None:
-        """The next frame of another node, at most `timeout_s` from now; None: there was none."""
+        """Return the next frame of another node, waiting `timeout_s` at most; None: there was
+        none."""
         try:
             if self._stream is not None:
                 _look_for_end(self._stream)
@@ -105,7 +103,7 @@ class CanBus:
         return not message.is_rx or (self._mark is not None and message.channel == self._mark)
 
     def _unreadable(self, error: can.CanError) -> Unusable:
-        """Classify a read error of python-can: a single frame, or the whole bus (OSError)."""
+        """Classify a read error of python-can: of a single frame, or of the whole bus (OSError)."""
         self._garbled += 1
         of_a_frame = error.__cause__ is not None and not isinstance(error.__cause__, OSError)
         if of_a_frame and self._garbled <= GARBLED_AT_MOST:
@@ -114,9 +112,8 @@ class CanBus:
 
 
 def open_bus(options: Jr3Options) -> CanBus:
-    """Open the bus that `options` name, for frames of their node alone.
-
-    Raises DriverError that says what to do.
+    """Open the bus that `options` name, for frames of their node only. Raises DriverError with
+    advice.
     """
     _silence_warnings()
     try:
@@ -148,7 +145,7 @@ def open_bus(options: Jr3Options) -> CanBus:
         raise DriverError(f"cannot open {where}: {error}") from None
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         raise _refusal(interface, channel, where, error) from None
-    except Exception as error:  # such as a NameError where the maker's library is missing
+    except Exception as error:  # such as a NameError if the vendor's library is missing
         raise DriverError(
             f"cannot open {where}: python-can fails with {error!r}; "
             "are the interface's driver and library installed?"
@@ -170,7 +167,8 @@ def in_use(options: Jr3Options, error: OSError) -> DriverError:
 
 
 def can_interfaces(root: Path = Path("/")) -> list[FoundDevice]:
-    """The network interfaces of this computer that are CAN buses; `root` is where /sys is."""
+    """Return the network interfaces of this computer that are CAN buses; `root` is the path of
+    /sys."""
     found = []
     for node in sorted((root / "sys/class/net").glob("*/type")):
         try:
@@ -197,7 +195,7 @@ def _down(name: str) -> str:
 
 
 def _os_error(error: can.CanError) -> OSError:
-    """python-can's error as the system's, with its number where it is known."""
+    """Return python-can's error as OSError, with its number if known."""
     cause = error.__cause__
     if isinstance(cause, OSError) and cause.errno is not None:
         return OSError(cause.errno, cause.strerror)
@@ -232,8 +230,8 @@ def _refusal(interface: str, channel: str, where: str, error: BaseException) -> 
 
 
 def _look_for_server(host: str, port: int) -> None:
-    """Raise unless socketcand greets there: python-can would try for ten seconds, busily, or wait
-    for the greeting for ever."""
+    """Raise unless socketcand answers with its greeting: python-can would busily retry for ten
+    seconds, or wait for the greeting forever."""
     try:
         with socket.create_connection((host, port), CONNECT_TIMEOUT_S) as probe:
             greeting = probe.recv(len(GREETING))
@@ -259,7 +257,8 @@ def _look_for_end(stream: socket.socket) -> None:
 
 
 class _Fragments(logging.Filter):
-    """Drops the warning that a message came in two pieces of the stream, as every stream may."""
+    """Log filter that drops the warning about a message in two parts of the stream, which is normal
+    for TCP."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         return not record.getMessage().startswith("Got incomplete message")
@@ -270,7 +269,7 @@ _NOWHERE = logging.NullHandler()
 
 
 def _silence_warnings() -> None:
-    """Keep python-can's warnings off the terminal, unless the program has set logging up: the
-    driver's own messages say what matters. Adding a filter or a handler twice is fine."""
+    """Keep python-can's warnings off the terminal, unless the program has configured logging: the
+    driver has its own messages. May be called repeatedly."""
     logging.getLogger("can").addHandler(_NOWHERE)
     logging.getLogger("can.interfaces.socketcand.socketcand").addFilter(_FRAGMENTS)

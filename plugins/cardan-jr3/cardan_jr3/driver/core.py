@@ -1,18 +1,19 @@
-"""JR3 driver's core: meaning of its frames, and next requests; no I/O, in the caller's time.
+"""Core of the JR3 driver: received frames to device state and requests; no I/O, time is an
+argument.
 
-The board is brought up by requests, one at a time, since an acknowledgment does not say what it
-answers: ping, start, full scales; then, once the filter has settled and the force is steady, zero.
-A board that reports a boot, or is silent for `RESTART_AFTER_S`, is brought up again from the ping.
+The board is started by requests, one at a time, since an acknowledgment does not name its request:
+ping, start, full scales; then, once the filter has settled and the force is steady, zero. A board
+that reports a boot, or is silent for `RESTART_AFTER_S`, is started again from the ping.
 
-A sensor sends all the time, so silence is never rest: after `STALE_AFTER_S` without a new sample
-the axes are zero and there is no wrench. Samples are new when their counter has gone on: a board
-whose sensor is unplugged repeats the last one for ever. After opening, a silence, an overload or a
-zeroing the axes stay zero (NEEDS_NEUTRAL) until the wrench was inside the dead bands for `REST_S`.
+A sensor sends continuously, so silence never means rest: after `STALE_AFTER_S` without a new sample
+the axes are zero and there is no wrench. A sample is new if its counter has advanced: a board whose
+sensor is unplugged repeats the last one forever. After opening, a silence, an overload or a zeroing
+the axes stay zero (NEEDS_NEUTRAL) until the wrench was inside the dead bands for `REST_S`.
 
-Zero is taken by itself once, when the sensor is opened. A board that boots later has lost its zero,
-and a hand that is still on it must not become the new one: it counts again after `ask_zero`. A boot
-may pass unheard, so a board that has to be told to start again has booted, unless it is seen to
-send before that, with a counter that has gone on with the time.
+Zero is taken automatically once, when the sensor is opened. A board that boots later has lost its
+zero, and the force of a hand still on it must not become the new zero: its samples count again
+after `ask_zero`. A report of a boot may be lost, so a board that needs the start command again
+counts as booted, unless it sends before that, with a counter that has advanced with time.
 """
 
 from __future__ import annotations
@@ -67,41 +68,41 @@ Raw = tuple[int, int, int, int, int, int]
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 STALE_AFTER_S = 0.09
-"""Time without a new sample after which no measurement counts. The limit is 0.1 s; the difference
+"""Time without a new sample after which no measurement is valid. The limit is 0.1 s; the difference
 is for one cycle of the reader."""
 
 REST_S = 0.1
-"""Time that the wrench must be inside the dead bands to count as rest: after zeroing, a board sends
-one sample of zeros whatever it measures."""
+"""Time for which the wrench must be inside the dead bands to count as rest: after zeroing, a board
+sends one sample of zeros whatever it measures."""
 
 ACK_TIMEOUT_S = 0.25
-"""A board answers within 2 ms; after this a request is lost."""
+"""Time after which a request counts as lost; a board answers within 2 ms."""
 
 TRIES = 3
-"""Times a request is sent before everything begins again from the ping."""
+"""Number of times a request is sent before the start-up begins again from the ping."""
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
-"""Pause before a request is sent again, doubled for each ping. It lets a late acknowledgment
-pass, which could be mistaken for that of another request."""
+"""Pause before a request is sent again, doubled for each ping. A late acknowledgment then arrives
+before the next request and is not mistaken for its answer."""
 
 RESTART_AFTER_S = 1.0
-"""Silence after which a board that should send is brought up again."""
+"""Silence after which a board that should send is started again."""
 
 SETTLE_S, SETTLE_TIME_CONSTANTS = 0.1, 5.0
-"""From the start to where the board's filter shows what is measured."""
+"""Settling time of the board's filter after the start."""
 
 STEADY_WINDOW_S = 0.25
 """Window in which the force must be steady before zero is taken."""
 
 LOOK_AGAIN_S = 0.05
-"""Time to the next check after one that found it changing."""
+"""Time to the next check after one that found the force changing."""
 
 CLOCK_TOLERANCE = 0.02
-"""Share by which the board's clock may be slower than `SAMPLE_PERIOD_S` says."""
+"""Share by which the board's clock may be slower than `SAMPLE_PERIOD_S`."""
 
 RESTART_CHECK_S = 0.1
-"""How long a board that answers again is observed before the start command: one that goes on
-sending shows that it has not booted. More than two of the longest periods."""
+"""Time for which a board that answers again is observed before the start command: if it goes on
+sending, it has not booted. More than two of the longest periods."""
 
 _COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
 """Time after which the sample counter wraps."""
@@ -119,12 +120,12 @@ ZEROING_REASON = "taking zero: keep the hand off the sensor"
 
 
 class _Step(NamedTuple):
-    """A request of the start-up."""
+    """Request of the start-up."""
 
     message: HostMessage
     name: str
     scales: bool = False
-    """Its acknowledgment carries full scales."""
+    """True if its acknowledgment has full scales."""
 
 
 _PING = _Step(GetState(), "ping")
@@ -132,43 +133,44 @@ _ZERO = _Step(ZeroOffs(), "zero")
 
 
 class _HeldSteady:
-    """Whether the wrench has kept still of late, component by component."""
+    """Detector of a steady wrench, component by component."""
 
     def __init__(self, limits: Six) -> None:
         self._limits = limits
-        """Change of each component over the window that is still steady."""
+        """Change of each component over the window that still counts as steady."""
         self._window: deque[tuple[float, Six]] = deque()
         self.overloaded = False
 
     def clear(self, overloaded: bool = False) -> None:
-        """Forget all values. `overloaded`: say so until the next value comes."""
+        """Forget all values. `overloaded`: report an overload until the next value."""
         self._window.clear()
         self.overloaded = overloaded
 
     def add(self, stamp_s: float, values: Six) -> None:
-        """Take the wrench of a sample."""
+        """Process the wrench of a sample."""
         self.overloaded = False
         window = self._window
         window.append((stamp_s, values))
-        # A sample from before the window's start stays, so that the window is seen to be full.
+        # A sample from before the window's start is kept: it shows that the window is full.
         while len(window) > 2 and window[1][0] <= stamp_s - STEADY_WINDOW_S:
             window.popleft()
 
     @property
     def full(self) -> bool:
-        """Whether the window has been watched from one end to the other."""
+        """True if the samples cover the whole window."""
         window = self._window
         return bool(window) and window[-1][0] - window[0][0] >= STEADY_WINDOW_S
 
     def fastest(self) -> tuple[int, float]:
-        """The component that changes most by its limit, and its rate over the window, per s."""
+        """Return the component with the fastest change by its limit, and its rate over the window,
+        per s."""
         columns = zip(*(values for _, values in self._window), strict=True)
         spans = [max(column) - min(column) for column in columns]
         worst = max(range(6), key=lambda index: spans[index] / self._limits[index])
         return worst, spans[worst] / STEADY_WINDOW_S
 
     def obstacle(self) -> str:
-        """Why zero must not be taken now; empty: it may."""
+        """Return why zero must not be taken now; empty: it may."""
         if not self.full:
             return f"the force has not been watched for {STEADY_WINDOW_S:g} s yet"
         index, rate = self.fastest()
@@ -180,10 +182,8 @@ class _HeldSteady:
 
 
 class Jr3Core(DeviceCore):
-    """The state of one sensor. Times are monotonic, s.
-
-    `poll` gives the frames to send now, and `next_due_s` says when to ask it again; every frame
-    that is heard goes to `on_frame`.
+    """State of one sensor. Times are monotonic, s. `poll` returns the frames to send now,
+    `next_due_s` the time of the next call; pass every received frame to `on_frame`.
     """
 
     _counters: ClassVar[Mapping[str, str]] = {
@@ -210,18 +210,18 @@ class Jr3Core(DeviceCore):
         self._retry_s = RETRY_FIRST_S
         self._started_s = NEVER_S
         self._has_run = False
-        """It has been running since it was opened on request: zero is not taken by itself any
-        more, since a hand may be on the sensor that just came back."""
+        """True after the sensor ran since it was opened on request: zero is not taken automatically
+        any more, since a hand may be on a sensor that just came back."""
         self._zero_lost = False
         self._continuous = False
-        """The board was seen to go on since it was last brought up."""
+        """True if the board was seen to continue since it was last started."""
         self._zeros = 0
         self._forces_n: tuple[int, int, int] | None = None
         """Full scales."""
         self._torques_nm: tuple[float, float, float] | None = None
         self._newest_counter: int | None = None
         self._newest_s = NEVER_S
-        """Counter of the newest sample since it was opened on request, and when it was taken."""
+        """Counter of the newest sample since opening on request, and its time."""
         self._counter_time_s = 0.0
         self._rest_since_s = math.inf
         self._measured: Six = NEUTRAL
@@ -229,7 +229,7 @@ class Jr3Core(DeviceCore):
         self._acting: Wrench | None = None
         """`_measured` at the TCP; None: not computed yet."""
         self._per_count: Six | None = None
-        """N and N·m of a count; None: the full scales are not known yet."""
+        """Force and torque per count, N and N·m; None: the full scales are not known yet."""
         steady_n, steady_nm = options.steady_n_s, options.steady_nm_s
         self._steady = _HeldSteady(
             tuple(  # type: ignore[arg-type]
@@ -247,45 +247,45 @@ class Jr3Core(DeviceCore):
         self._halt()
 
     def _halt(self) -> None:
-        """Forget what was asked, and everything measured."""
-        # The way up.
+        """Discard pending requests and all measurements."""
+        # Start-up.
         self._plan: tuple[_Step, ...] = ()
         self._done = self._tries = 0
         self._asked: _Step | None = None
         self._deadline_s = self._sync_s = math.inf
         self._sampling = False
-        """The board was told to send and has acknowledged it."""
+        """True after the board has acknowledged the command to send."""
         self._running = False
-        """Brought up: zeroed where that is asked for."""
+        """True after the start-up, including zeroing if requested."""
         # Samples.
         self._sample_valid = False
-        """True while the last sample counts."""
+        """True while the last sample is valid."""
         self._forces: Forces | None = None
         self._counter: int | None = None
         self._least_offset_s = math.inf
         self._stands_since_s = math.inf
-        """Since when the counter has stood still."""
+        """Time since which the counter has not advanced."""
         self._filter_stamp_s = NEVER_S
         self._steady.clear()
         self._cached = None
 
-    # -- what happens to the sensor ------------------------------------------------------------
+    # -- events ------------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
-        """The bus was opened (again): what was known of the sensor is void."""
+        """Discard what is known of the sensor: its bus was opened (again)."""
         self._answered = False
         self._retry_s = RETRY_FIRST_S
         self._bring_up(now_s)
         self._begin(OPENED_REASON, now_s)
 
     def on_closed(self, now_s: float) -> None:
-        """The sensor was closed on request."""
+        """Process the closing of the sensor on request."""
         super().on_closed(now_s)
         self._has_run = self._zero_lost = False
         self._newest_counter = None
 
     def on_frame(self, arbitration_id: int, data: bytes, now_s: float) -> None:
-        """A data frame with an eleven-bit identifier was received at `now_s`. Never raises."""
+        """Process a data frame with an 11-bit identifier, received at `now_s`. Never raises."""
         if not self._open or arbitration_id & NODE_MASK != self._options.node_id:
             return
         value = decode_from_board(arbitration_id, data)
@@ -311,14 +311,14 @@ class Jr3Core(DeviceCore):
             self._malformed[f"{Opcode(value.opcode).name} frames {value.reason}"] += 1
 
     def on_unusable(self, kind: str) -> None:
-        """A frame came that is none of ours: "foreign_frames", "garbled_frames", "bus_errors"."""
+        """Count a frame of another kind: "foreign_frames", "garbled_frames", "bus_errors"."""
         self._counts[kind] += 1
 
     # -- what to send --------------------------------------------------------------------------
 
     @property
     def next_due_s(self) -> float:
-        """Time at which `poll` has work next; inf if only a frame can cause that."""
+        """Return the time at which `poll` has work next; inf if only a frame can cause that."""
         if not self._open:
             return math.inf
         due_s = self._sync_s
@@ -329,7 +329,7 @@ class Jr3Core(DeviceCore):
         return min(due_s, self._silent_s + RESTART_AFTER_S)
 
     def poll(self, now_s: float) -> list[CanFrame]:
-        """The frames to send at `now_s`, in this order."""
+        """Return the frames to send at `now_s`, in this order."""
         if not self._open:
             return []
         frames: list[CanFrame] = []
@@ -343,26 +343,25 @@ class Jr3Core(DeviceCore):
             step = self._plan[self._done]
             if step is not _ZERO or self._may_zero(now_s):
                 if isinstance(step.message, (StartAsync, StartSync)):
-                    # From here on a board that has booted sends, too.
+                    # From here on a board that has booted sends again.
                     self._zero_lost |= self._has_run and not self._continuous
                 self._asked = step
                 self._deadline_s = now_s + ACK_TIMEOUT_S
                 frames.append(encode_from_host(step.message, self._options.node_id))
         if now_s >= self._sync_s:
-            # A late SYNC is left out: its sample would only repeat the next one.
+            # A late SYNC is skipped: its sample would only repeat the next one.
             period_s = self._options.period_s
             self._sync_s += (1 + int((now_s - self._sync_s) / period_s)) * period_s
             frames.append(_SYNC)
         return frames
 
     def final_command(self) -> list[CanFrame]:
-        """Return the frames to send before the bus is closed in good order."""
+        """Return the frames to send before an orderly close of the bus."""
         return [encode_from_host(Stop(), self._options.node_id)] if self._answered else []
 
     def ask_zero(self, now_s: float) -> int:
-        """Take the present measurement as zero; `zeros` reaches the result when that is done.
-
-        Raises CommandError, and asks for nothing, while the force changes or nothing is measured.
+        """Request to take the present measurement as zero; done when `zeros` reaches the result.
+        Raises CommandError, and requests nothing, while the force changes or nothing is measured.
         """
         self._watch(now_s)
         if not (self._running and self._sample_valid):
@@ -379,17 +378,17 @@ class Jr3Core(DeviceCore):
 
     @property
     def answered(self) -> bool:
-        """Whether the board has answered, or reported a boot, since the bus was opened."""
+        """True if the board has answered, or reported a boot, since the bus was opened."""
         return self._answered
 
     @property
     def watching(self) -> bool:
-        """Whether the force is still to be watched before zero can be asked for."""
+        """True if the force must be observed longer before zero can be requested."""
         return self._running and self._sample_valid and not self._steady.full
 
     @property
     def zeros(self) -> int:
-        """Number of times that zero was taken."""
+        """Return the number of times that zero was taken."""
         return self._zeros
 
     def _figures(self, now_s: float) -> dict[str, float]:
@@ -398,10 +397,10 @@ class Jr3Core(DeviceCore):
             "malformed_frames": self._malformed.total(),
         }
 
-    # -- the way up ----------------------------------------------------------------------------
+    # -- start-up ----------------------------------------------------------------------------
 
     def _bring_up(self, now_s: float) -> None:
-        """Begin with the ping, at once."""
+        """Begin with the ping, immediately."""
         options = self._options
         cutoff = centihertz(options.cutoff_hz)
         start: HostMessage
@@ -525,7 +524,7 @@ class Jr3Core(DeviceCore):
         return max(SETTLE_S, slow_s)
 
     def _may_zero(self, now_s: float) -> bool:
-        """Whether zero may be taken now; if not, says why and when to look again."""
+        """Check if zero may be taken now; if not, report why and schedule the next check."""
         obstacle = self._steady.obstacle()
         self._not_before_s = now_s + LOOK_AGAIN_S
         if self._sample_valid and not self._steady.overloaded:
@@ -575,10 +574,8 @@ class Jr3Core(DeviceCore):
             self._link, self._reason = DeviceLink.LIVE, ""
 
     def _on_unasked_sample(self, counter: int, before: int, now_s: float) -> None:
-        """A sample came before the board was told to start: does it go on from that before?
-
-        The board of a sensor that is unplugged repeats the last sample: it has not booted, either.
-        """
+        """Check if a sample that came before the start command continues those before. The board of
+        an unplugged sensor repeats the last sample: it has not booted, either."""
         passed_s = now_s - self._newest_s
         counted_s = samples_between(counter, before) * SAMPLE_PERIOD_S
         allowed_s = STALE_AFTER_S + CLOCK_TOLERANCE * passed_s
@@ -600,7 +597,8 @@ class Jr3Core(DeviceCore):
             self._fall_silent(self._silence(), now_s)
 
     def _stamp_of(self, counter: int, now_s: float) -> float | None:
-        """Latest time at which a sample that came at `now_s` was taken; None: it is of no use."""
+        """Return the latest time at which a sample received at `now_s` can have been taken; None:
+        unusable."""
         before = self._counter
         if before is None:
             steps = 0
@@ -616,7 +614,7 @@ class Jr3Core(DeviceCore):
             between = steps * SAMPLE_PERIOD_S
             self._counts["lost_samples"] += max(0, round(between / self._options.period_s) - 1)
             self._counter_time_s += between
-            # The board's clock against ours, from the sample that was least on its way.
+            # Offset of the board's clock, from the sample with the least delay.
             self._least_offset_s += CLOCK_TOLERANCE * between
         self._counter = counter
         self._stands_since_s = math.inf
@@ -680,11 +678,11 @@ class Jr3Core(DeviceCore):
 
     @property
     def _silent_s(self) -> float:
-        """Since when there has been no sample although there should be; inf: none is due."""
+        """Return the time since which an expected sample is missing; inf: none is due."""
         return max(self._stamp_s, self._started_s) if self._sampling else math.inf
 
     def _silence(self) -> str:
-        """Why there are no new samples, as far as that can be told."""
+        """Return why there are no new samples, as far as that is known."""
         if self._options.mode == "sync" and not self._options.send_sync and not self._heard:
             return "no samples: no master on the bus sends SYNC; start it, or set send_sync"
         return f"no new sample for {STALE_AFTER_S:g} s: {WIRING_ADVICE}"
@@ -706,7 +704,7 @@ _SYNC = encode_from_host(Sync(), 0)
 
 
 def _deflection(value: float, band: float, full: float) -> float:
-    """`value` beyond the dead band as a share of a full deflection, -1..1."""
+    """Return `value` beyond the dead band as a share of a full deflection, -1..1."""
     if value > band:
         return min(1.0, (value - band) / full)
     if value < -band:

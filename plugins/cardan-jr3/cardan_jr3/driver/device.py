@@ -1,4 +1,4 @@
-"""The JR3 driver: a thread that reads the CAN bus, feeds the core and sends what it asks for."""
+"""The JR3 driver: a thread that reads the CAN bus, feeds the core and sends its requests."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cardan_jr3.driver.core import Jr3Core
 from cardan_jr3.driver.options import Jr3Options
 
 READ_TIMEOUT_S = 0.05
-"""Longest wait for a frame; the reader checks in between whether it is to stop."""
+"""Longest wait for a frame; the reader checks in between for a request to stop."""
 
 ANSWER_TIMEOUT_S = 1.2
-"""How long open() waits for the board: a ping, and another one where the first is lost."""
+"""Time that open() waits for the board: a ping, and another one if the first is lost."""
 
 DRAIN_AT_MOST = 64
-"""Frames taken before the core is asked again what to send, whatever else there is to read."""
+"""Most frames processed before the core is polled for frames to send."""
 
 ZERO_TIMEOUT_S = 2.0
-"""All tries of the request, and the pauses between them."""
+"""Time for all tries of the request, and the pauses between them."""
 _POLL_S = 0.005
 
 _CAPABILITIES = DeviceCapabilities(
@@ -34,10 +34,9 @@ _CAPABILITIES = DeviceCapabilities(
 
 
 class Jr3(ReadDevice[Jr3Core]):
-    """A JR3 six-axis force-torque sensor, whose wrench deflects the axes: the hand guides the arm.
-
-    `state().wrench` is what acts on the sensor's tool side, about the TCP along the tool's axes,
-    since zero was taken; the weight of a tool that has turned since is in it. See :mod:`.core`.
+    """JR3 six-axis force-torque sensor, whose wrench deflects the axes: hand guiding.
+    `state().wrench` is the wrench on the sensor's tool side since zero was taken, about the TCP
+    along the tool's axes; it includes the weight of a tool that has turned since. See :mod:`.core`.
     """
 
     Options: ClassVar[type[Jr3Options]] = Jr3Options
@@ -61,19 +60,20 @@ class Jr3(ReadDevice[Jr3Core]):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """CAN interfaces of this computer. Nodes on a bus show only when they are addressed."""
+        """Return the CAN interfaces of this computer. Nodes on a bus are visible only when
+        addressed."""
         return can_interfaces()
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """No buttons, no feedback."""
+        """Describe the capabilities: no buttons, no feedback."""
         return _CAPABILITIES
 
     def zero(self) -> None:
         """Take the present measurement as zero; returns once that is done.
 
-        The axes are zero until the wrench was seen at rest after it. Raises CommandError while
-        the force changes, NotOpenError, or DriverError when the board does not do it.
+        The axes are zero until the wrench has been at rest afterwards. Raises CommandError while
+        the force changes, NotOpenError, or DriverError if the board does not take it.
         """
         self._check_open("zero()")
         deadline_s = time.monotonic() + ZERO_TIMEOUT_S
@@ -123,7 +123,7 @@ class Jr3(ReadDevice[Jr3Core]):
             bus.send(frame)
 
     def _turn(self, bus: CanBus) -> None:
-        """Send what is due, then wait for frames and take them."""
+        """Send due frames, then wait for frames and process them."""
         with self._lock:
             now_s = time.monotonic()
             frames = self._core.poll(now_s)

@@ -33,7 +33,7 @@ class Jr3Options(Options):
     """Options of :class:`Jr3`. Raises OptionError for a value that is not allowed."""
 
     interface: Annotated[str, CAN_NAME] = "socketcan"
-    """python-can's name of the way to the bus: "socketcan", "slcan", "pcan", "gs_usb" ... for
+    """python-can's name of the interface to the bus: "socketcan", "slcan", "pcan", "gs_usb" ... for
     hardware, "udp_multicast" or "socketcand" for a simulated sensor."""
     channel: Annotated[str, CAN_NAME] = "can0"
     """The bus: the network interface of socketcan, the serial port of slcan, the group of
@@ -47,44 +47,45 @@ class Jr3Options(Options):
     hop_limit: Annotated[int, bounds.HOP_LIMIT] = 0
     """Hop limit of udp_multicast; 0: frames stay on this computer."""
     node_id: Annotated[int, NODE_ID] = 33
-    """The board's number on the bus, 1 to 127."""
+    """Node id of the board on the bus, 1 to 127."""
     mode: Literal["async", "sync"] = "async"
-    """async: the board sends by its own clock; sync: it answers SYNC."""
+    """async: the board sends by its own clock; sync: it answers each SYNC."""
     period_s: Annotated[float, PERIOD_S] = 0.01
     """Time between two samples that the board sends, or between two SYNC."""
     send_sync: bool = True
-    """sync: this driver sends SYNC; false: a master on the bus does, every `period_s`."""
+    """Cut-off of the board's first-order low-pass filter; 0: unfiltered."""
     cutoff_hz: Annotated[float, CUTOFF_HZ] = 10.0
     """Cut-off of the board's first-order low-pass filter; 0: unfiltered."""
     host_cutoff_hz: Annotated[float, CUTOFF_HZ] = 0.0
     """Cut-off of a second filter, on this computer; 0: none."""
     force_full_scales_n: tuple[_Newton, _Newton, _Newton] | None = None
-    """The sensor's full scales x, y, z; none: the board is asked."""
+    """The sensor's full scales x, y, z; none: they are read from the board."""
     torque_full_scales_nm: tuple[_NewtonMeter, _NewtonMeter, _NewtonMeter] | None = None
-    """The same for the torques; none: the board is asked."""
+    """Full scales of the torques; none: they are read from the board."""
     left_handed: bool = False
-    """The sensor's axes are left-handed, as some are: the signs of Fx and Mx are changed."""
+    """The sensor's axes are left-handed, as on some models: the signs of Fx and Mx are inverted."""
     sensor_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
     """Orientation of the sensor in the tool's frame: Rz(yaw)·Ry(pitch)·Rx(roll)."""
     sensor_xyz_m: tuple[_Near, _Near, _Near] = (0.0, 0.0, 0.0)
-    """Where the sensor's origin is in the tool's frame; torques are given about the TCP."""
+    """Position of the sensor's origin in the tool's frame; torques are given about the TCP."""
     zero_on_open: bool = True
-    """The measurement while opening becomes zero; false: the board's zero stays."""
+    """Take the measurement at opening as zero; false: the board's zero stays."""
     steady_n_s: Annotated[float, bounds.FORCE_RATE_S] = 10.0
     """Zero is taken only while no force changes faster than this."""
     steady_nm_s: Annotated[float, bounds.FORCE_RATE_S] = 1.0
     """Zero is taken only while no torque changes faster than this."""
     force_dead_band_n: Annotated[float, bounds.ROBOT_FORCE_N] = 1.0
     """Dead band, subtracted from each force before it deflects an axis; forces below it are rest.
-    Never 0: the sensor's noise would drive the arm, and rest would not be seen."""
+    Never 0: the sensor's noise would drive the arm, and rest would not be detected."""
     torque_dead_band_nm: Annotated[float, bounds.ROBOT_TORQUE_NM] = 0.1
-    """The same for torques."""
+    """Dead band, subtracted from each torque before it deflects an axis; torques below it are
+    rest."""
     force_full_n: Annotated[float, bounds.ROBOT_FORCE_N] = 10.0
-    """Force beyond the dead band that is a full deflection."""
+    """Force beyond the dead band at full deflection."""
     torque_full_nm: Annotated[float, bounds.ROBOT_TORQUE_NM] = 2.0
-    """Torque beyond the dead band that is a full deflection."""
+    """Torque beyond the dead band at full deflection."""
     wait_for_device: bool = False
-    """open() succeeds without a sensor, which is picked up once it answers."""
+    """open() succeeds without a sensor, which is used once it answers."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,5 +94,5 @@ class Jr3Options(Options):
 
     @property
     def full_port(self) -> int:
-        """The port to use: the interface's own where `port` is 0."""
+        """Port to use: the interface's default if `port` is 0."""
         return self.port or CAN_PORTS.get(self.interface, 0)

@@ -1,4 +1,4 @@
-"""A simulated JR3 force-torque sensor: the board, the loads on it, and its place on a CAN bus."""
+"""Simulated JR3 force-torque sensor: the board, the loads on it, and its node on a CAN bus."""
 
 from cardan_jr3.peer.core import (
     SimulatedJr3 as SimulatedJr3,

@@ -1,4 +1,4 @@
-"""A simulated device's place on a CAN bus by python-can (LGPL, so an extra: imported late)."""
+"""Simulated node on a CAN bus by python-can (LGPL, therefore an extra: imported late)."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _DRAIN_AT_MOST = 256
 
 
 class CanNode(Protocol):
-    """A simulated device on a CAN bus."""
+    """Simulated device on a CAN bus."""
 
     node_id: int
 
     def receive(self, arbitration_id: int, data: bytes, now_s: float) -> None:
-        """A data frame from another node."""
+        """Receive a data frame from another node."""
 
 
 class CanBackend(DeviceBackend[CanFrame]):
-    """A CAN bus that `node` is on for as long as the peer is open."""
+    """Connection of `node` to a CAN bus while the peer is open."""
 
     awaits_program = False
 
@@ -36,38 +36,38 @@ class CanBackend(DeviceBackend[CanFrame]):
 
     @property
     def there(self) -> bool:
-        """A node cannot be unplugged."""
+        """Raise: a node cannot be unplugged."""
         return True
 
     def appear(self) -> None:
-        """It is there."""
+        """Do nothing: the node is always connected."""
 
     def vanish(self) -> None:
-        """It stays."""
+        """Do nothing: the connection stays."""
 
     def _take(self, frame: CanFrame) -> None:
-        """Give the node a frame that has come."""
+        """Pass a received frame to the node."""
         self._node.receive(*frame, self.shell.device_s())
 
 
 class PythonCanBus(CanBackend):
-    """A bus of python-can's `interface`; `extra` are that interface's own arguments."""
+    """Bus of python-can's `interface`; `extra` are that interface's own arguments."""
 
     def __init__(self, node: CanNode, interface: str, channel: str, extra: dict[str, Any]) -> None:
         super().__init__(node)
         self._interface, self._channel, self._extra = interface, channel, extra
         self._bus: can.BusABC | None = None
         self.garbled = 0
-        """Frames that python-can could not read."""
+        """Number of frames that python-can could not read."""
 
     @property
     def endpoint(self) -> str:
-        """INTERFACE CHANNEL and the node."""
+        """Interface, channel and node, for messages."""
         port = f":{self._extra['port']}" if self._extra.get("port") else ""
         return f"{self._interface} {self._channel}{port} node {self._node.node_id}"
 
     def open(self, shell: Shell) -> None:
-        """Open the bus; AddressError when that cannot be."""
+        """Open the bus. Raises AddressError if that is impossible."""
         super().open(shell)
         try:
             import can
@@ -105,7 +105,8 @@ class PythonCanBus(CanBackend):
                 bus.shutdown()
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for frames and take all that have come. Raises AddressError when the bus is gone."""
+        """Wait for frames and process all that have arrived. Raises AddressError if the bus is
+        gone."""
         import can
 
         bus = self._bus
@@ -125,7 +126,7 @@ class PythonCanBus(CanBackend):
                 self._take(CanFrame(message.arbitration_id, bytes(message.data)))
 
     def send(self, messages: Sequence[CanFrame]) -> None:
-        """Send frames; one that the bus does not take is lost, as on a bus without listeners."""
+        """Send frames; a frame that the bus rejects is lost, as on a bus without listeners."""
         import can
 
         assert self._bus is not None, "send() before open()"

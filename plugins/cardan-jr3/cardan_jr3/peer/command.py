@@ -1,4 +1,4 @@
-"""The sensor as ``cardan sim jr3`` has it."""
+"""Command ``cardan sim jr3``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cardan_jr3.peer.peer import Jr3Peer, Jr3PeerOptions
 
 
 class Jr3(PeerCommand[Jr3PeerOptions]):
-    """A JR3 force-torque sensor with uc3m's mbed board on a CAN bus, and the loads on it."""
+    """JR3 force-torque sensor with uc3m's mbed board on a CAN bus, and the loads on it."""
 
     Options, Peer = Jr3PeerOptions, Jr3Peer
     page = "../plugins/cardan-jr3/README.md"

@@ -1,4 +1,4 @@
-"""A simulated JR3 sensor with uc3m's mbed board, without any I/O and in virtual time."""
+"""A simulated JR3 sensor with uc3m's mbed board, without I/O and in virtual time."""
 
 from __future__ import annotations
 
@@ -43,35 +43,37 @@ from cardan_jr3.protocol import (
 NO_WRENCH: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 QUEUE_MESSAGES = 32
-"""Commands that the board keeps for its main loop; more are lost."""
+"""Most commands queued for the board's main loop; further ones are lost."""
 LOOP_S = (0.001, 0.002)
-"""The main loop sleeps 1 ms, which the board's system makes 1 to 2 ms."""
+"""Sleep of the main loop: 1 ms, which the board's system makes 1 to 2 ms."""
 EEPROM_S = 0.3
-"""How long reading the sensor's calibration takes."""
+"""Time for reading the sensor's calibration."""
 BIT_RATE = 1_000_000
-"""Of the bus, bit/s."""
+"""Bit rate of the bus, bit/s."""
 WAITING_FRAMES = 32
-"""Frames that the board keeps while the bus is busy; more are lost."""
+"""Most frames queued while the bus is busy; further ones are lost."""
 
 
 def frame_s(size: int) -> float:
-    """How long the bus is busy with an eleven-bit frame of `size` bytes at `BIT_RATE`: 47 bits of
-    its own with the pause after it, and as many stuff bits as there can be. Source: ISO 11898-1."""
+    """Return the time that an 11-bit frame of `size` bytes occupies the bus at `BIT_RATE`: 47 bits
+    of overhead with the pause after it, and the largest number of stuff bits. Source: ISO 11898-1.
+    """
     return (47 + 8 * size + (33 + 8 * size) // 4) / BIT_RATE
 
 
 SHORTEST_PERIOD_S = 2.0 * frame_s(8)
-"""Shortest period of samples: a pair of frames fills the bus for this time, however short a period
-a host asks for."""
+"""Shortest period of samples: a pair of frames occupies the bus for this time, even if a host
+requests a shorter period."""
 
 
 class SimulatedJr3:
-    """A board with its sensor: give it a wrench and frames, it gives the frames of the real one.
+    """Board with its sensor: its inputs are a wrench and frames, its output the frames of the real
+    board.
 
-    Power is switched on at time 0; times are s from then and move in `reports` only. Settings
-    hold from the time of the last `reports` or `skip_to` on. The main loop takes commands every 1
-    to 2 ms; a thread of its own sends samples in async mode. SYNC is a flag: two within one turn of
-    the loop give one answer. `offset` is an unzeroed sensor's reading without load (N, N·m).
+    Power is switched on at time 0; times are s from then and move in `reports` only. Settings hold
+    from the time of the last `reports` or `skip_to` on. The main loop takes commands every 1 to 2
+    ms; a thread of its own sends samples in async mode. SYNC is a flag: two within one cycle of the
+    loop give one answer. `offset` is an unzeroed sensor's reading without load (N, N·m).
     """
 
     def __init__(
@@ -93,22 +95,22 @@ class SimulatedJr3:
         self.wrench = NO_WRENCH
         """Wrench that acts on the sensor: N, N·m."""
         self.plugged = True
-        """It stays on its bus."""
+        """True: the node stays on its bus."""
         self.powered = True
         self.sensor_plugged = not faults.get("no-sensor")
         self.hung = False
-        """Sends nothing and takes nothing, until power is switched."""
+        """True while the board neither sends nor receives, until power is cycled."""
         self.gripper_percent = 0.0
         self.ignored = 0
-        """Frames for this node that the board does not know."""
+        """Number of frames for this node that the board does not know."""
         self.dropped = 0
-        """Commands that found the queue full."""
+        """Number of commands that found the queue full."""
         self.unsent = 0
-        """Frames that were lost because the bus could not take so many."""
+        """Number of frames lost because the bus was too busy."""
         self.starts = 0
-        """How often acquisition was started."""
+        """Number of times that acquisition was started."""
         self.on_first_start: Callable[[float], None] = lambda now_s: None
-        """Called with the time when acquisition is started for the first time."""
+        """Callback with the time when acquisition is started for the first time."""
         self._boot_s = boot_s
         self._bias = offset
         self._noise = (noise_n,) * 3 + (noise_nm,) * 3
@@ -135,7 +137,7 @@ class SimulatedJr3:
         self.wrench = (fx, fy, fz, mx, my, mz)
 
     def power_off(self) -> None:
-        """Cut the power: everything the board was told is gone."""
+        """Cut the power: the board's settings are lost."""
         self.powered = False
         self._commands.clear()
         self._turn_s = self._boot_due_s = self._send_s = math.inf
@@ -149,18 +151,18 @@ class SimulatedJr3:
             self._power_up()
 
     def unplug_sensor(self) -> None:
-        """Pull the sensor's cable: the board goes on sending the last sample, counter and all."""
+        """Unplug the sensor: the board goes on sending the last sample with its counter."""
         self._sample(self._now_s)
         self.sensor_plugged = False
 
     def plug_sensor(self) -> None:
-        """Put the sensor's cable back; samples go on. A board that never got ready needs power
-        to be switched."""
+        """Plug the sensor in again; samples continue. A board that never got ready needs a power
+        cycle."""
         self._sample(self._now_s)
         self.sensor_plugged = not self._faults.get("no-sensor")
 
     def hang(self) -> None:
-        """The board sends and takes nothing more, until `recover`."""
+        """Hang the board: it neither sends nor receives until `recover`."""
         self.hung = True
 
     def recover(self) -> None:
@@ -170,7 +172,7 @@ class SimulatedJr3:
     # -- the bus -------------------------------------------------------------------------------
 
     def receive(self, arbitration_id: int, data: bytes, now_s: float) -> None:
-        """A frame on the bus at `now_s`, from another node."""
+        """Process a frame of another node on the bus at `now_s`."""
         mine = arbitration_id & NODE_MASK == self.node_id
         if not self.powered or self.hung or not (mine or arbitration_id == Opcode.SYNC):
             return
@@ -183,13 +185,13 @@ class SimulatedJr3:
             return
         self._commands.append(message)
         if self._turn_s == math.inf:
-            # The loop has been running all the time; only now its phase matters.
+            # The loop has been running; its phase matters only now.
             length_s = self._random.uniform(*LOOP_S)
             self._turn_s = max(now_s, self._blocked_until_s) + self._random.uniform(0.0, length_s)
 
     @property
     def next_due_s(self) -> float:
-        """Time at which `reports` has work next; inf if nothing is planned."""
+        """Return the time at which `reports` has work next; inf if nothing is planned."""
         return min(self._event_s, self._arrival_s)
 
     def reports(self, now_s: float) -> list[CanFrame]:
@@ -205,7 +207,7 @@ class SimulatedJr3:
         return arrived
 
     def skip_to(self, now_s: float) -> None:
-        """Send no samples for the time before `now_s`, in which the load was as it is."""
+        """Skip the samples of the time before `now_s`, with an unchanged load."""
         self._sample(now_s)
         if self._send_s < now_s:
             self._send_s += math.ceil((now_s - self._send_s) / self._period_s) * self._period_s
@@ -238,7 +240,7 @@ class SimulatedJr3:
         return min(timed_s, self._power_back_s, self._boot_due_s, self._send_s, self._turn_s)
 
     def _act(self, now_s: float) -> None:
-        """Do the first of what is due at `now_s`."""
+        """Execute the first event that is due at `now_s`."""
         if self._timed and self._timed[0][0] <= now_s:
             self._have_fault(self._timed.pop(0)[1])
         elif self._power_back_s <= now_s:
@@ -266,7 +268,7 @@ class SimulatedJr3:
             self._obey(Stop(), self._now_s)
 
     def _turn(self, now_s: float) -> None:
-        """Run the main loop once: every command that has come, then one answer to SYNC."""
+        """Run one cycle of the main loop: all queued commands, then one answer to SYNC."""
         self._turn_s = math.inf
         while self._commands:
             self._obey(self._commands.popleft(), now_s)
@@ -344,7 +346,7 @@ class SimulatedJr3:
     # -- inside: the sensor --------------------------------------------------------------------
 
     def _sample(self, now_s: float) -> None:
-        """Take the samples that were due until `now_s`, all under the present load."""
+        """Take the samples due until `now_s`, all under the present load."""
         if not self._acquiring:
             return
         count = int((now_s - self._sampled_s) / SAMPLE_PERIOD_S)
@@ -419,14 +421,14 @@ class SimulatedJr3:
 
     @property
     def _arrival_s(self) -> float:
-        """Time at which the next frame has passed the bus; inf: there is none."""
+        """Return the time at which the next frame has passed the bus; inf: there is none."""
         if not self._under_way:
             return math.inf
         sent_s, _, frame = self._under_way[0]
         return max(sent_s, self._bus_free_s) + frame_s(len(frame.data))
 
     def _carry(self, now_s: float, arrived: list[CanFrame]) -> None:
-        """Add what has gone over the bus by `now_s` to `arrived`."""
+        """Add the frames that have passed the bus by `now_s` to `arrived`."""
         while (arrival_s := self._arrival_s) <= now_s:
             self._bus_free_s = arrival_s
             arrived.append(heapq.heappop(self._under_way)[2])

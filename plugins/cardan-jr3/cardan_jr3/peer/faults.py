@@ -1,4 +1,4 @@
-"""The faults a simulated JR3, its board and the bus can be told to have."""
+"""Faults of a simulated JR3, its board and the bus."""
 
 from __future__ import annotations
 
@@ -26,6 +26,6 @@ FAULTS = (
 )
 
 TIMED_FAULTS = ("sensor-unplug", "power-cycle", "silence", "stopped")
-"""Their times count from when the board was first told to acquire."""
+"""Faults whose times count from the board's first command to acquire."""
 
 POWER_OFF_S = 0.5

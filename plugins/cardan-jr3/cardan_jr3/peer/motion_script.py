@@ -1,4 +1,4 @@
-"""Scripted loads: what acts on the simulated sensor, as a function of time."""
+"""Scripted loads on the simulated sensor, as a function of time."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from cardan.sim_peers.scripted import Action, MotionScript, StepWords, calling, 
 from cardan_jr3.peer.core import NO_WRENCH, SimulatedJr3
 
 MOTION_PERIOD_S = 0.002
-"""How often a changing load is sampled."""
+"""Sampling period of a changing load."""
 
 COMPONENTS = ("FX", "FY", "FZ", "MX", "MY", "MZ")
 OVERLOAD = 1.5
-"""An overload, in full scales."""
+"""Load of an overload, in full scales."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "wrench": (
@@ -41,7 +41,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
 }
 """Usage of each verb of a script. Forces in N, moments in N·m, in the sensor's own axes.
 
-``wrench`` ramps linearly from what acts now; ``swing`` adds N whole sine periods of SECONDS each
+``wrench`` ramps linearly from the present load; ``swing`` adds N whole sine periods of SECONDS each
 on top; ``release`` ends both. ``overload`` ramps one component to 1.5 times its full scale.
 ``silence`` hangs the board until ``resume``; ``loop`` starts the script again.
 """
@@ -87,7 +87,7 @@ SCRIPTS: Mapping[str, str] = {
         5.0  release over 0.3
     """,
 }
-"""The built-in scripts. Time 0 is when the board is first told to acquire."""
+"""Built-in scripts. Time 0 is the board's first command to acquire."""
 
 
 _ACTS = {
@@ -101,10 +101,8 @@ _ACTS = {
 
 
 class ScriptedJr3(MotionScript[SimulatedJr3]):
-    """Plays the steps of a script on a sensor; afterwards the load stays as it is.
-
-    Time 0 of the script is when `start` is called, which is for `SimulatedJr3.on_first_start`.
-    """
+    """Player of a script's steps on a sensor; afterwards the load stays constant. Time 0 of the
+    script is the call of `start`, which is for `SimulatedJr3.on_first_start`."""
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
         self._wrench = VectorMotion(NO_WRENCH, MOTION_PERIOD_S)

@@ -1,4 +1,5 @@
-"""The simulated JR3 on a real bus: by python-can, or on a bus of its own that socketcand serves."""
+"""Simulated JR3 on a real bus: by python-can, or on a bus of its own that it serves by
+socketcand."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Jr3PeerOptions(DevicePeerOptions):
-    """Options of the simulated board and its bus. Times of the script and of faults count from when
-    the board is first told to acquire."""
+    """Options of the simulated board and its bus. Times of the script and of faults count from the
+    board's first command to acquire."""
 
     interface: Annotated[str, CAN_NAME] = option(
         "udp_multicast", "The way to the bus, as python-can calls it.", metavar="NAME"
@@ -39,14 +40,15 @@ class Jr3PeerOptions(DevicePeerOptions):
         metavar="NAME",
     )
     serve_socketcand: bool = option(False, "Serve a bus of its own, by socketcand's protocol.")
-    """Instead of joining one: at `host` and `port`; needs no python-can."""
+    """Serve a bus at `host` and `port` instead of joining one; needs no python-can."""
     host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1", "Address of socketcand, served or joined.", metavar="HOST"
     )
     port: Annotated[int, bounds.ANY_PORT] | None = option(
         None, "Port of udp_multicast or socketcand; default: theirs.", metavar="PORT"
     )
-    """Theirs are 43113 and 29536; for socketcand that is served 0 is any."""
+    """Port of the interface; default 43113 for udp_multicast, 29536 for socketcand; for a served
+    bus 0 is any free port."""
     hop_limit: Annotated[int, bounds.HOP_LIMIT] = 0
     """Hop limit of udp_multicast; 0: frames stay on this computer."""
     bitrate: int = 1_000_000
@@ -57,18 +59,18 @@ class Jr3PeerOptions(DevicePeerOptions):
         metavar="NAME",
         listed=[(name, f"node {TEO_NODE_IDS[name]}") for name in TEO_SENSORS],
     )
-    """One of TEO's four sensors."""
+    """Sensor model: one of TEO's four sensors."""
     node_id: Annotated[int, NODE_ID] = option(
         0, "Node id; 0: that of the sensor on TEO.", name="node", metavar="ID"
     )
     boot_s: Annotated[float, bounds.NOT_NEGATIVE] = option(2.0, "From power to its first message.")
-    """That message is BOOTUP."""
+    """Time from power-on to BOOTUP, the board's first message."""
     offset: Six = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
-    """Reading before the sensor is zeroed: its own zero and the load mounted on it."""
+    """Reading before the sensor is zeroed: its own offset and the load mounted on it."""
     noise_n: Annotated[float, bounds.NOT_NEGATIVE] = 0.05
     """Standard deviation of the unfiltered forces."""
     noise_nm: Annotated[float, bounds.NOT_NEGATIVE] = 0.002
-    """The same of the moments."""
+    """Standard deviation of the unfiltered moments."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,9 +80,8 @@ class Jr3PeerOptions(DevicePeerOptions):
 
 
 class Jr3Peer(DevicePeer[SimulatedJr3, CanFrame]):
-    """A simulated board on a bus; its power is on from `open`.
-
-    Raises ScriptError or ConfigurationError for nonsense.
+    """Simulated board on a bus; its power is on from `open`. Raises ScriptError or
+    ConfigurationError for invalid options.
     """
 
     def __init__(self, options: Jr3PeerOptions | None = None) -> None:
@@ -108,7 +109,7 @@ class Jr3Peer(DevicePeer[SimulatedJr3, CanFrame]):
         self._starts = 0
 
     def _follow(self, now_s: float) -> None:
-        """Log what a host has told the board."""
+        """Log the host's settings of the board."""
         super()._follow(now_s)
         if self.device.starts != self._starts:
             self._starts = self.device.starts
@@ -116,7 +117,7 @@ class Jr3Peer(DevicePeer[SimulatedJr3, CanFrame]):
 
 
 def _extra(options: Jr3PeerOptions) -> dict[str, Any]:
-    """Return an interface's options beside its channel."""
+    """Return an interface's options besides its channel."""
     if options.interface == "udp_multicast":
         port = CAN_PORTS["udp_multicast"] if options.port is None else options.port
         return {"port": port, "hop_limit": options.hop_limit}

@@ -1,8 +1,6 @@
-"""A CAN bus on TCP: what socketcand serves, as far as python-can's client needs it.
-
-Raw mode only: every frame of one client goes to all others and to the local node, in order, and
-none is lost. There is no arbitration and no bit timing.
-"""
+"""CAN bus on TCP by the socketcand protocol, as far as python-can's client needs it. Raw mode only:
+every frame of a client goes to all others and to the local node, in order, without loss. There is
+no arbitration and no bit timing."""
 
 from __future__ import annotations
 
@@ -24,24 +22,24 @@ ROOM = 1 << 20
 """Most bytes kept for a client that does not read; beyond it the connection is closed."""
 JOIN_S = 0.02
 """Time that frames are held after the last `< ok >`, or until the client has sent something:
-python-can takes what follows at once for a part of it."""
+python-can reads data that follows immediately as a part of it."""
 MAX_CLIENTS = 16
 _COMMAND = re.compile(rb"<([^<>]*)>")
 
 
 class Session:
-    """A client's session of the protocol: bytes in, replies and frames out. No I/O."""
+    """Session of a client: bytes in, replies and frames out. No I/O."""
 
     def __init__(self) -> None:
         self.opened = False
         self.raw = False
-        """It takes and sends frames."""
+        """True if the client exchanges frames."""
         self.broken = False
-        """It violated the protocol; its connection is to be closed."""
+        """True after a violation of the protocol: close the connection."""
         self._buffer = b""
 
     def feed(self, data: bytes) -> tuple[bytes, list[CanFrame]]:
-        """Take what the client sent: what to reply, and the frames it sends to the bus."""
+        """Process the client's bytes; return replies, and frames for the bus."""
         self._buffer += data
         replies, frames = b"", []
         end = 0
@@ -73,7 +71,7 @@ class Session:
 
 
 def frame_line(frame: CanFrame, stamp_s: float) -> bytes:
-    """Return the line of a frame for a client; `stamp_s` by the wall clock."""
+    """Return the line of a frame for a client; `stamp_s` is wall-clock time."""
     width = 3 if frame.arbitration_id <= 0x7FF else 8
     return (
         f"< frame {frame.arbitration_id:0{width}X} {stamp_s:.6f} {frame.data.hex().upper()} >"
@@ -81,7 +79,7 @@ def frame_line(frame: CanFrame, stamp_s: float) -> bytes:
 
 
 def _frame(words: list[bytes]) -> CanFrame | None:
-    """The frame of ``send ID DLC BYTE ...``, all hexadecimal; None: it is none."""
+    """Parse the frame of ``send ID DLC BYTE ...``, all hexadecimal; None: invalid."""
     try:
         arbitration_id, size = int(words[0], 16), int(words[1], 16)
         data = bytes(int(word, 16) for word in words[2:])
@@ -99,18 +97,18 @@ class _Client(StreamClient):
         self.session = Session()
         self.unsent += GREETING
         self.joins_s = math.inf
-        """Frames wait until then."""
+        """Time until which frames wait."""
         self.held = bytearray()
 
     def join(self) -> None:
-        """Hold frames no longer."""
+        """Release waiting frames."""
         self.joins_s = math.inf
         self.unsent += self.held
         self.held.clear()
 
 
 class SocketcandHub(CanBackend):
-    """Serves a bus of its own at `host` and `port` (0: any free one), with `node` on it."""
+    """Server of a bus at `host` and `port` (0: any free one), with `node` on it."""
 
     def __init__(self, node: CanNode, host: str, port: int) -> None:
         super().__init__(node)
@@ -118,16 +116,16 @@ class SocketcandHub(CanBackend):
 
     @property
     def endpoint(self) -> str:
-        """HOST:PORT."""
+        """Address of the server, HOST:PORT."""
         return f"{self._host}:{self._port}"
 
     @property
     def clients(self) -> Sequence[_Client]:
-        """The programs on the bus."""
+        """Number of connected clients."""
         return self._server.clients
 
     def open(self, shell: Shell) -> None:
-        """Listen; AddressError when that cannot be."""
+        """Listen. Raises AddressError if that is impossible."""
         super().open(shell)
         self._server: DeviceServer[_Client] = DeviceServer(
             shell.selector,
@@ -146,11 +144,11 @@ class SocketcandHub(CanBackend):
 
     @property
     def due_s(self) -> float:
-        """Time at which the next client has waited long enough for frames, monotonic s."""
+        """Return the time at which the next client's frames are released, monotonic s."""
         return min((client.joins_s for client in self.clients), default=math.inf)
 
     def attend(self, now_s: float) -> None:
-        """Let clients have frames that have waited long enough, and greet new ones."""
+        """Release frames that have waited long enough, and accept new clients."""
         for client in tuple(self.clients):
             if client.joins_s <= now_s:
                 client.join()
@@ -158,12 +156,12 @@ class SocketcandHub(CanBackend):
                 self._flush(client)
 
     def send(self, messages: Sequence[CanFrame]) -> None:
-        """Give frames to every client."""
+        """Send frames to every client."""
         for frame in messages:
             self._spread(frame)
 
     def _spread(self, frame: CanFrame, sender: _Client | None = None) -> None:
-        """Give a frame to every client but its sender."""
+        """Send a frame to every client but its sender."""
         line = frame_line(frame, time.time())
         for client in tuple(self.clients):
             if client is not sender and client.session.raw:

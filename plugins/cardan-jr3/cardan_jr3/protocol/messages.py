@@ -1,7 +1,7 @@
 """CAN frames of a JR3 force-torque sensor behind uc3m's mbed board: frames to values and back.
 
-Eleven-bit identifiers: an operation code plus the node's number, 1 to 127; only SYNC has no
-number. Integers are little-endian.
+Eleven-bit identifiers: an operation code plus the node id, 1 to 127; only SYNC has no node id.
+Integers are little-endian.
 
 Source: roboticslab-uc3m/jr3-mbed-firmware, jr3-mbed-firmware-can and yarp-devices (Jr3Mbed).
 """
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 MAX_NODE_ID = 127
 NODE_MASK = 0x7F
-"""Bits of an identifier that are the node's number; the rest is the operation code."""
+"""Bits of an identifier that hold the node id; the rest is the operation code."""
 
 COUNTER_MODULUS = 1 << 16
 RAW_MIN, RAW_MAX = -32768, 32767
@@ -24,7 +24,7 @@ MAX_PERIOD_US = 0xFFFFFFFF
 
 
 class Opcode(enum.IntEnum):
-    """Operation codes: the identifier without the node's number."""
+    """Operation codes: the identifier without the node id."""
 
     SYNC = 0x080
     ACK = 0x100
@@ -51,7 +51,7 @@ class State(enum.IntEnum):
 
 
 class CanFrame(NamedTuple):
-    """A data frame with an eleven-bit identifier."""
+    """Data frame with an 11-bit identifier."""
 
     arbitration_id: int
     data: bytes
@@ -61,7 +61,7 @@ class CanFrame(NamedTuple):
 
 
 class Sync(NamedTuple):
-    """Asks every board that acquires for one pair of FORCES and MOMENTS. Not acknowledged."""
+    """Request of one pair of FORCES and MOMENTS from every acquiring board. Not acknowledged."""
 
 
 class StartSync(NamedTuple):
@@ -83,7 +83,7 @@ class Stop(NamedTuple):
 
 
 class ZeroOffs(NamedTuple):
-    """Take the present filtered value as zero. A single sample of zeros follows."""
+    """Take the present filtered value as zero. One sample of zeros follows."""
 
 
 class SetFilter(NamedTuple):
@@ -93,15 +93,15 @@ class SetFilter(NamedTuple):
 
 
 class GetState(NamedTuple):
-    """Ask for an acknowledgment."""
+    """Request an acknowledgment."""
 
 
 class GetFsForces(NamedTuple):
-    """Ask for the full scales of the forces, N."""
+    """Query the full scales of the forces, N."""
 
 
 class GetFsMoments(NamedTuple):
-    """Ask for the full scales of the moments, 0.1 N·m."""
+    """Query the full scales of the moments, 0.1 N·m."""
 
 
 class Reset(NamedTuple):
@@ -132,10 +132,10 @@ HostMessage = (
 
 
 class Ack(NamedTuple):
-    """The answer to a request. It does not say to which."""
+    """Acknowledgment of a request, without the name of that request."""
 
     state: int
-    """A `State`; other values report an error, too."""
+    """State of the board, a `State`; other values report an error, too."""
     full_scales: tuple[int, int, int] | None = None
     """Full scales, in answers to the two queries only: x, y, z in N or 0.1 N·m."""
 
@@ -159,17 +159,17 @@ class Moments(NamedTuple):
 
 
 class Bootup(NamedTuple):
-    """The board has started and read its sensor; earlier commands are void."""
+    """Report of a board that has started and read its sensor; earlier commands are void."""
 
 
 BoardMessage = Ack | Forces | Moments | Bootup
 
 
 class Malformed(NamedTuple):
-    """A frame from a board that cannot be decoded."""
+    """Frame from a board that cannot be decoded."""
 
     reason: str
-    """One of a few fixed phrases, fit for counting by."""
+    """Reason, one of a few fixed phrases suitable as keys of counters."""
     opcode: int
 
 
@@ -224,7 +224,7 @@ def decode_from_board(arbitration_id: int, data: bytes) -> BoardMessage | Malfor
 
 
 def encode_from_board(message: BoardMessage, node_id: int) -> CanFrame:
-    """The frame in which the board `node_id` says `message`."""
+    """Encode `message` as a frame from the board `node_id`."""
     if isinstance(message, Forces):
         return CanFrame(Opcode.FORCES + node_id, _SAMPLE.pack(*message))
     if isinstance(message, Moments):
@@ -259,7 +259,7 @@ def decode_from_host(arbitration_id: int, data: bytes) -> HostMessage | None:
 
 
 def encode_from_host(message: HostMessage, node_id: int) -> CanFrame:
-    """The frame that asks the board `node_id`; ValueError for a value that does not fit."""
+    """Encode a request to the board `node_id`. Raises ValueError for a value that does not fit."""
     opcode, layout = _TO_BOARD[type(message)]
     try:
         data = layout.pack(*message)
@@ -269,7 +269,8 @@ def encode_from_host(message: HostMessage, node_id: int) -> CanFrame:
 
 
 def centihertz(cutoff_hz: float) -> int:
-    """A cut-off as it travels, 0.01 Hz. Raises ValueError outside 0 to `MAX_CUTOFF_HZ`."""
+    """Convert a cut-off, Hz, to the wire's 0.01 Hz. Raises ValueError outside 0 to
+    `MAX_CUTOFF_HZ`."""
     if not (math.isfinite(cutoff_hz) and 0.0 <= cutoff_hz <= MAX_CUTOFF_HZ):
         raise ValueError(f"a cut-off of {cutoff_hz!r} Hz; allowed: 0 to {MAX_CUTOFF_HZ}")
     return round(cutoff_hz * 100.0)

@@ -9,7 +9,7 @@ from cardan_leap.protocol import ServiceMessage, TrackingFrame, decode_service
 
 
 class Said(NamedTuple):
-    """A message of the service."""
+    """Message of the service."""
 
     number: int
     time_s: float
@@ -17,7 +17,7 @@ class Said(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """A frame of the service."""
+    """Frame of the service."""
 
     number: int
     time_s: float
@@ -25,13 +25,13 @@ class Frame(NamedTuple):
 
 
 class LeapTraffic:
-    """The messages of a timeline."""
+    """Messages of a timeline."""
 
     def __init__(self, timeline: WireTimeline) -> None:
         self.phases = timeline.phases()
         self.said: list[Said] = []
         self.ended: list[tuple[int, str]] = []
-        """Closed or refused by the service, and its words."""
+        """Text of a connection that the service closed or refused."""
         for number, event in enumerate(timeline):
             if event.kind in (Kind.CLOSED, Kind.REFUSED) and not event.sent:
                 self.ended.append((number, event.note or event.kind.value))
@@ -39,18 +39,18 @@ class LeapTraffic:
                 self.said.append(Said(number, event.time_s, decode_service(event.data)))
 
     def phase(self, name: str) -> TimelinePhase | None:
-        """The phase of that name, if the pilot came to it."""
+        """Phase of that name, if the scenario reached it."""
         return self.phases.get(name)
 
     def during(self, *names: str) -> list[Said]:
-        """The messages of these phases; of none: all."""
+        """Messages of these phases; of none: all."""
         found = [self.phases[name] for name in names if name in self.phases]
         return [
             s for s in self.said if not names or any(p.first <= s.number < p.end for p in found)
         ]
 
     def frames(self, *names: str) -> list[Frame]:
-        """The frames of these phases; of none: all."""
+        """Frames of these phases; of none: all."""
         return [
             Frame(s.number, s.time_s, s.value)
             for s in self.during(*names)

@@ -1,4 +1,5 @@
-"""Scenario: asks a tracking service for frames, and the user to hold a hand above the tracker."""
+"""Scenario: requests frames of a tracking service, and prompts the user to hold a hand above the
+tracker."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ HAND_S = 30.0
 
 
 class LeapScenario(Scenario):
-    """A client that first listens, then gets frames in the background, then with the focus."""
+    """Client that first only listens, then receives frames in the background, then with the
+    focus."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level

@@ -1,4 +1,4 @@
-"""The simulated tracking service and a pilot in virtual time."""
+"""Simulated tracking service and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from cardan_leap.conform.scenario import CHANNEL
 from cardan_leap.peer import SimulatedLeapService
 
 LONGEST_S = 300.0
-"""Limit of a simulated run; a script that waits for an event in vain ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends earlier."""
 CLIENT, VERSION = 1, 6
 RATE_HZ = 50.0
-"""Less than a tracker's usual 110, for the sake of what frames cost to make."""
+"""Frame rate, Hz, below a tracker's usual 110 because frames are costly to generate."""
 
 
 class LeapSimulation:
-    """A client of the service, and a hand that does what is asked."""
+    """Client of the service, and a hand that follows the prompts."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         self._exchange = exchange
@@ -28,7 +28,7 @@ class LeapSimulation:
         self._now_s = 0.0
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
+        """Run until the scenario's script has ended."""
         exchange, service = self._exchange, self._service
         while not exchange.over and self._now_s < LONGEST_S:
             self._do(exchange.due(self._now_s))

@@ -57,7 +57,7 @@ class Leap(Suite[LeapTraffic]):
         return Service(*host_and_port(target, "--target", PORT))
 
     def redacted(self, event: WireEvent) -> WireEvent:
-        """Device events have the tracker's serial number for an id."""
+        """Return `event` without the serial number that device events have as id."""
         if event.kind is not Kind.DATA or b'"event"' not in event.data:
             return event
         hidden = _SERIAL.sub(lambda m: m[1] + b"X" * len(m[2]) + m[3], event.data)

@@ -36,7 +36,7 @@ class _WebSocket(TargetWire):
 
 
 class Service(Wires):
-    """A service at `host` and `port`; the channel's number is the version that is asked for."""
+    """Service at `host` and `port`; the channel's number is the requested version."""
 
     def __init__(self, host: str, port: int) -> None:
         self._host, self._port = host, port

@@ -1,4 +1,5 @@
-"""WebSocket connection to the tracking service: a socket and websockets' protocol on it."""
+"""WebSocket connection to the tracking service: a socket with the protocol of the package
+websockets."""
 
 from __future__ import annotations
 
@@ -24,16 +25,17 @@ from cardan_leap.protocol import (
 )
 
 MAX_MESSAGE_BYTES = 1 << 20
-"""A message beyond this ends the connection; frames of two hands have about 20 kB."""
+"""Longest message, bytes; a longer one ends the connection. Frames of two hands have about 20
+kB."""
 
 DRAIN_BYTES = 16 << 20
-"""Most bytes read before messages are processed; more than systems let queue up."""
+"""Most bytes read before messages are processed, more than a system's receive buffer."""
 
 SEND_TIMEOUT_S = 0.5
 _READ_BYTES = 1 << 16
 
 _protocol_log = logging.getLogger(f"{__name__}.websocket")
-"""Logger of the library, which would log every frame."""
+"""Logger of websockets, which would otherwise log every frame."""
 _protocol_log.setLevel(logging.WARNING)
 
 
@@ -46,13 +48,13 @@ class ServiceClosedError(ConnectionError):
 
 
 class Connection:
-    """An open connection. Its methods raise OSError (ServiceClosedError among them) once it is
+    """Open connection. Its methods raise OSError (ServiceClosedError among them) once it is
     gone."""
 
     def __init__(self, host: str, port: int, version: int, deadline_s: float) -> None:
-        """Connect and ask for `version`, until the monotonic time `deadline_s`."""
+        """Connect and request `version`, until the monotonic time `deadline_s`."""
         self.heard_s = time.monotonic()
-        """When anything was received last."""
+        """Time when data were last received."""
         self._messages: list[bytes] = []
         self._parts: list[bytes] = []
         self._socket = socket.create_connection((host, port), _left_s(deadline_s))
@@ -69,11 +71,12 @@ class Connection:
             raise
 
     def fileno(self) -> int:
-        """File descriptor for `select`. Messages may be there already: `receive` them first."""
+        """Return the file descriptor for `select`. Messages may be buffered already: call `receive`
+        first."""
         return self._socket.fileno()
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """All text messages that have come, waiting `timeout_s` for the first bytes."""
+        """Return all text messages received, waiting `timeout_s` for the first bytes."""
         if not self._messages:
             self._check()
             with contextlib.suppress(TimeoutError, BlockingIOError):
@@ -93,13 +96,14 @@ class Connection:
         self._flush()
 
     def ping(self) -> None:
-        """Ask for a sign of life."""
+        """Send a ping."""
         with _as_os_error():
             self._protocol.send_ping(b"")
         self._flush()
 
     def close(self) -> None:
-        """Say good-bye if that is possible at once, and let go. Never raises; twice is fine."""
+        """Close the connection, with a close frame if it can be sent at once. Never raises; may be
+        called repeatedly."""
         with contextlib.suppress(OSError):
             with _as_os_error():
                 self._protocol.send_close(1000)
@@ -109,7 +113,7 @@ class Connection:
     # -- inside --------------------------------------------------------------------------------
 
     def _read(self, timeout_s: float) -> int:
-        """Read once, waiting `timeout_s`; the number of bytes."""
+        """Read once, waiting `timeout_s`; return the number of bytes."""
         self._socket.settimeout(timeout_s)
         data = self._socket.recv(_READ_BYTES)
         self.heard_s = time.monotonic()
@@ -141,7 +145,7 @@ class Connection:
             self._parts = []
 
     def _check(self) -> None:
-        """Raise when the other side, or a breach of the protocol, has ended the connection."""
+        """Raise if the peer, or a violation of the protocol, has ended the connection."""
         protocol = self._protocol
         if protocol.state in (State.CONNECTING, State.OPEN):
             return
@@ -165,10 +169,10 @@ class Connection:
 def connect(
     host: str, port: int, version: int, timeout_s: float
 ) -> tuple[Connection, Version, list[ServiceMessage]]:
-    """Open a connection in the highest version up to `version` that the service knows.
-
-    Returns its first message, the version, and the messages that came with it. Raises
-    DeviceNotFoundError when nothing answers, DeviceAccessError for no tracking service.
+    """Open a connection in the highest version up to `version` that the service supports. Return
+    the connection, the version message, and the messages that came with it. Raises
+    DeviceNotFoundError if nothing answers, DeviceAccessError if the server is not a tracking
+    service.
     """
     url = f"ws://{host}:{port}{path_of(version)}"
     deadline_s = time.monotonic() + timeout_s
@@ -214,7 +218,7 @@ def _left_s(deadline_s: float) -> float:
 
 
 class _as_os_error(contextlib.AbstractContextManager[None]):  # noqa: N801
-    """Turns what websockets raises on an ended connection into OSError."""
+    """Context that turns exceptions of websockets about an ended connection into OSError."""
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         if isinstance(error, (ConnectionClosed, InvalidState)):

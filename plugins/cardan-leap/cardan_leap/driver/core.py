@@ -1,15 +1,14 @@
-"""Core of the Leap driver: tracking messages to device state; no I/O, in the caller's time.
-
-Frames go on when no hand is in view, so silence is always trouble:
+"""Core of the Leap driver: tracking messages to device state; no I/O, time is an argument. Frames
+continue while no hand is in view, so silence is always a fault:
 
 - Without a frame for `STALE_AFTER_S` the link is STALE; a tracker that the service calls unplugged
-  is LOST, one that does not deliver is STALE, whatever else comes.
-- Frames that come late (see :mod:`.lag`) are rejected: the link is STALE while they come, and
-the age of an accepted frame counts from when it should have come.
-- After opening and after trouble the link is NEEDS_NEUTRAL until a frame shows no hand that could
-  hold the clutch by staying as it is: no hand at all, or one that is open (clutch "grab"), apart
-  ("pinch") or closed ("open").
-- The hand's pose and the button "clutch" come and go together, in one and the same state.
+  is LOST, one that sends no data is STALE, whatever else arrives.
+- Late frames (see :mod:`.lag`) are rejected: the link is STALE while they arrive, and the age of an
+  accepted frame counts from when it should have arrived.
+- After opening and after a fault the link is NEEDS_NEUTRAL until a frame shows no hand whose
+  present posture could hold the clutch: no hand at all, or a hand that is open (clutch "grab"),
+  with thumb and fingers apart ("pinch"), or closed ("open").
+- The hand's pose and the button "clutch" appear and disappear together, in the same state.
 """
 
 from __future__ import annotations
@@ -41,17 +40,17 @@ STALE_AFTER_S = 0.09
 state must be neutral within 0.1 s; the difference is for one cycle of the reader."""
 
 CONNECT_ANEW_S = 3.0
-"""Time of late frames after which the driver connects anew, which drops the queue that delays
-them."""
+"""Time of late frames after which the driver reconnects, which drops the queue that delays them."""
 
 SETTLE_S = 0.02
-"""Frames this soon after a silence may be old ones that had queued up meanwhile."""
+"""Time after a silence in which frames may be old ones that were queued meanwhile."""
 
 LONGEST_STEP_S = 0.1
 """Longest time step assumed between two frames of one hand."""
 
 RESTARTED_AFTER = 10
-"""Frames in a row, too old but in order, after which the service counts as having counted anew."""
+"""Number of successive frames, too old but in order, after which the service's counter counts as
+restarted."""
 
 OPENED_REASON = "connected, no frame yet"
 
@@ -72,7 +71,7 @@ NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
 
 
 class LeapCore(DeviceCore):
-    """The state of one tracking service. Times are monotonic, s."""
+    """State of one tracking service. Times are monotonic, s."""
 
     _counters: ClassVar[Mapping[str, str]] = {
         "silences": f"silences of more than {STALE_AFTER_S:g} s",
@@ -90,15 +89,15 @@ class LeapCore(DeviceCore):
         self._frames = 0
         self._lag = Lag()
         self._was_late = False
-        """The newest frame was late, and none in time came since, whatever the connection."""
+        """True if the newest frame was late and no later one was in time, on any connection."""
         self._lag_s = 0.0
         self._late_since_s: float | None = None
-        """Since when every frame has come late; None: the newest did not."""
+        """Time since which every frame has been late; None: the newest was not."""
         self._forget_service()
 
     def _forget_service(self) -> None:
         self.version: Version | None = None
-        """The version that the service reported."""
+        """Version that the service reported."""
         self._devices: dict[str, DeviceEvent] = {}
         self._stamp_s = NEVER_S
         self._silent_since_s = 0.0
@@ -112,16 +111,16 @@ class LeapCore(DeviceCore):
     # -- what happens --------------------------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
-        """A connection was made (again): forget the state of the service."""
+        """Discard the service's state after a (new) connection."""
         self._forget_service()
-        if not self._was_late:  # Else the clock may be the same, and its frames late again.
+        if not self._was_late:  # Otherwise the clock may be the same, and its frames late again.
             self._lag.reset()
         self._late_since_s = None
         self._silent_since_s = now_s
         self._begin(OPENED_REASON, now_s)
 
     def on_message(self, message: ServiceMessage, now_s: float) -> None:
-        """A message, as `decode_service` reads it, was received at `now_s`. Never raises."""
+        """Process a message of `decode_service`, received at `now_s`. Never raises."""
         if not self._open:
             return
         if isinstance(message, TrackingFrame):
@@ -136,7 +135,7 @@ class LeapCore(DeviceCore):
     # -- what it says --------------------------------------------------------------------------
 
     def failure(self, now_s: float) -> str:
-        """Why to connect anew; empty while there is no reason."""
+        """Return why the driver must reconnect; empty if there is no reason."""
         late_since_s = self._late_since_s
         if late_since_s is None or now_s - late_since_s <= CONNECT_ANEW_S:
             return ""
@@ -185,7 +184,7 @@ class LeapCore(DeviceCore):
 
     @property
     def _delivers(self) -> bool:
-        """Whether the service says of no tracker, or of one at least, that it delivers."""
+        """Return True if no tracker is listed by the service, or at least one delivers frames."""
         devices = self._devices.values()
         return not devices or any(device.attached and device.streaming for device in devices)
 
@@ -231,7 +230,7 @@ class LeapCore(DeviceCore):
         self._show(now_s)
 
     def _on_late(self, now_s: float) -> None:
-        """A frame shows where the hand was, not where it is."""
+        """Process a late frame: it shows a past position of the hand."""
         self._counts["late_frames"] += 1
         self._was_late = True
         if self._late_since_s is None:
@@ -240,7 +239,8 @@ class LeapCore(DeviceCore):
             self._invalidate_input(DeviceLink.STALE, LATE_REASON, now_s)
 
     def _is_new(self, frame_id: int | None) -> bool:
-        """Whether a frame is newer than the newest; a service that counts anew is noticed."""
+        """Return True if a frame is newer than the newest; detects a restarted counter of the
+        service."""
         last = self._frame_id
         if frame_id is None:
             return True
@@ -254,8 +254,8 @@ class LeapCore(DeviceCore):
         return False
 
     def _step_s(self, timestamp_us: int, now_s: float) -> float:
-        """Time since the frame before this one: by the service's clock if that is plausible, else
-        by ours."""
+        """Return the time since the previous frame: by the service's clock if that is plausible,
+        otherwise by ours."""
         last_us, self._timestamp_us = self._timestamp_us, timestamp_us
         if last_us is not None:
             step_s = (timestamp_us - last_us) * 1e-6
@@ -287,7 +287,6 @@ class LeapCore(DeviceCore):
         return [label for label, held in zip(BUTTONS, flags, strict=True) if held]
 
     def _drop_input(self, now_s: float) -> None:
-        # Up, not masked: `hand` is no button that an operator releases, and the others are masked
-        # at the next frame.
+        # Up, not masked: no operator releases `hand`, and the others are masked at the next frame.
         self._buttons.set((), now_s)
         self._tracker.drop()

@@ -29,26 +29,27 @@ from cardan_leap.protocol import (
 )
 
 OPEN_TIMEOUT_S = 1.5
-"""From the first packet to the service's version."""
+"""Time from the first packet to the service's version message."""
 
 READ_TIMEOUT_S = 0.05
-"""Longest wait for a message; the reader sends heartbeats and checks for its end in between."""
+"""Longest wait for a message; in between the reader sends heartbeats and checks for a request to
+stop."""
 
 PING_AFTER_S, DEAD_AFTER_S = 1.0, 3.0
-"""Silence after which the service is asked for a sign of life, and after which it is given up."""
+"""Silence after which a ping is sent, and after which the connection is given up."""
 
 LOOK_S = 0.4
-"""How long `find` listens."""
+"""Time for which `find` listens."""
 
 USB_VENDORS = frozenset({"f182", "2936"})
-"""Leap Motion and Ultraleap."""
+"""USB vendor ids of Leap Motion and Ultraleap."""
 
 
 class Leap(ReadDevice[LeapCore]):
-    """A hand above a Leap Motion Controller as an operator device that gives a pose.
+    """Operator device that gives the pose of a hand above a Leap Motion Controller.
 
-    It needs the vendor's tracking service with its WebSocket, and no SDK. See :mod:`.core` for
-    when the pose counts. The connection is made again by itself after it was lost.
+    It needs the vendor's tracking service with its WebSocket, and no SDK. See :mod:`.core` for when
+    the pose is valid. A lost connection is restored automatically.
     """
 
     Options: ClassVar[type[LeapOptions]] = LeapOptions
@@ -69,7 +70,7 @@ class Leap(ReadDevice[LeapCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """A pose and four buttons that the hand makes; no feedback."""
+        """Describe the capabilities: a pose and four buttons of the hand's posture; no feedback."""
         return DeviceCapabilities(
             gives_pose=True,
             buttons=BUTTONS,
@@ -79,12 +80,13 @@ class Leap(ReadDevice[LeapCore]):
         )
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """The tracking service."""
+        """Address of the tracking service."""
         return (Endpoint("tcp", self.options.host, self.options.port),)
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The trackers of this machine's service; without one, those that are plugged in."""
+        """Return the trackers of this computer's service; without a service, the trackers on
+        USB."""
         options = LeapOptions()
         path = f"{options.host}:{options.port}"
         try:
@@ -118,7 +120,7 @@ class Leap(ReadDevice[LeapCore]):
             for text in encode_options(_client_options(options, self._version)):
                 connection.send(text)
         except OSError:
-            # The reader meets the same end at once, and says so.
+            # The reader sees the same end at once, and reports it.
             pass
         now_s = time.monotonic()
         with self._lock:
@@ -134,7 +136,7 @@ class Leap(ReadDevice[LeapCore]):
         due_s = pinged_s = 0.0
         while not stop.is_set():
             for text in connection.receive(READ_TIMEOUT_S):
-                # Reading JSON takes its time: the lock is not held meanwhile.
+                # Parsing JSON is slow: the lock is not held meanwhile.
                 message = decode_service(text)
                 now_s = time.monotonic()
                 if (callback := self.raw_packet_callback) is not None:
@@ -164,7 +166,7 @@ class Leap(ReadDevice[LeapCore]):
 
 
 def _client_options(options: LeapOptions, version: int) -> ClientOptions:
-    """The options sent to the service: frames also without the focus."""
+    """Return the options sent to the service: frames also without the focus."""
     focus = True if version >= FOCUS_SINCE else None
     hmd = options.optimize_hmd if version >= HMD_SINCE else None
     return ClientOptions(focused=focus, background=focus, optimize_hmd=hmd)

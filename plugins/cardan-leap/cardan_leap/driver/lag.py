@@ -1,9 +1,9 @@
 """Latency of frames, by the service's own stamps, whose clock has an epoch of its own.
 
-A network or a reader that cannot keep up delivers every frame, in order and at an even pace, but
-seconds late; only the stamps show that. The smallest difference ever between arrival and stamp
-counts as that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay
-of 1 s would have to last for a quarter of an hour to look like none.
+A network or a reader that cannot keep up delivers every frame, in order and evenly spaced, but
+seconds late; only the stamps show that. The smallest difference so far between arrival and stamp is
+the reference for no delay. It may rise only as slowly as clocks drift apart: a delay of 1 s would
+have to last for a quarter of an hour to go undetected.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import math
 from cardan.types import NEVER_S
 
 LARGEST_DRIFT = 1e-3
-"""How much faster our clock may run than the service's: NTP alone slews a clock by 500 ppm."""
+"""Rate at which our clock may gain on the service's: NTP alone slews a clock by 500 ppm."""
 
 BACK_S = 0.1
-"""Largest step back of stamps by the same clock: delays never reverse stamps."""
+"""Largest step back of stamps from the same clock: delays never reverse stamps."""
 
 
 class Lag:
@@ -26,7 +26,7 @@ class Lag:
         self.reset()
 
     def reset(self) -> None:
-        """Restart: the next frame's clock is unknown."""
+        """Restart with an unknown clock of the next frame."""
         self._least_s = math.inf
         """Difference between our clock and the stamp of a frame without delay."""
         self._stamp_s = -math.inf

@@ -43,10 +43,10 @@ class LeapOptions(Options):
     cutoff_hz: Annotated[float, CUTOFF_HZ] = 4.0
     """Cut-off of the low-pass filter on the pose while the hand rests, Hz; 0: no filter."""
     cutoff_rise_1_m: Annotated[float, CUTOFF_RISE_1_M] = 20.0
-    """How much the cut-off rises with the hand's speed, Hz per m/s (1 Euro filter)."""
+    """Rise of the cut-off with the hand's speed, Hz per m/s (1 Euro filter)."""
     max_speed_m_s: Annotated[float, bounds.HAND_SPEED_M_S] = 1.5
     """The pose follows the hand no faster than this, m/s."""
     optimize_hmd: bool = False
     """True: the tracker is worn on the forehead, looking forward."""
     wait_for_device: bool = False
-    """open() succeeds without the service, which is picked up once it runs."""
+    """open() succeeds without the service, which is used once it runs."""

@@ -1,7 +1,7 @@
 """A low-pass filter on a hand's pose whose cut-off rises with speed, and a limit on that speed.
 
-At rest the tracker's noise is what one sees, in motion the filter's lag; hence the rising cut-off
-(the 1 Euro filter: Casiez, Roussel and Vogel, CHI 2012). Both act in true time, whatever the rate.
+Noise is visible at rest, the filter's lag in motion; hence the rising cut-off (the 1 Euro filter:
+Casiez, Roussel and Vogel, CHI 2012). Both depend on elapsed time, not on the frame rate.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HAND_LENGTH_M = 0.1
 """Lever that converts rad/s to the m/s of the fingertips, so that one gain serves both filters."""
 
 SHORTEST_STEP_S = 1e-5
-"""Shortest time between two poses that gives a speed; a pose that comes sooner is left out."""
+"""Shortest time between two poses that gives a speed; a pose that comes sooner is skipped."""
 
 MAX_TURN_RAD_S = 12.0
 """Fastest plausible rotation of a hand."""
@@ -95,7 +95,7 @@ class PoseFilter:
 
 
 def _share(cutoff_hz: float, dt_s: float) -> float:
-    """Return the share of a first-order filter's way to a constant input within `dt_s`."""
+    """Return the step response of a first-order filter after `dt_s`, 0 to 1."""
     return -math.expm1(-math.tau * cutoff_hz * dt_s)
 
 

@@ -17,24 +17,25 @@ LOST_AFTER_S = 0.1
 """A hand without a usable measurement for longer than this is lost."""
 
 STRONG, WEAK = 0.8, 0.3
-"""A grab or pinch begins at STRONG and ends below WEAK."""
+"""Strengths with hysteresis: a grab or pinch begins at STRONG and ends below WEAK."""
 
 CLOSING = 0.5
 """An open hand that grabs more strongly than this releases the clutch."""
 
 STILL_M, STILL_S = 0.005, 0.3
-"""A hand is still that has stayed within STILL_M of one place for STILL_S: the tremor of a hand and
-the tracker's noise are some 2 mm, and a hand that passes by at more than 17 mm/s goes farther."""
+"""Bounds of a still hand: it has stayed within STILL_M of one place for STILL_S; the tremor of a
+hand and the tracker's noise are some 2 mm, and a hand that passes by at more than 17 mm/s goes
+farther."""
 
 REACH_M = 1.0
-"""A palm farther from the tracker than this is no measurement."""
+"""Distance from the tracker beyond which a palm's measurement is invalid."""
 
 JUMP_M, JUMP_SPEED_M_S = 0.1, 3.0
-"""A palm that moved farther than this, plus the way at this speed, since its last measurement has
-not moved: something else was taken for it."""
+"""Distance and speed beyond which a palm's motion since its last measurement is implausible:
+another object was taken for it."""
 
 FLIP_RAD, FLIP_SPEED_RAD_S = 0.8, 15.0
-"""The same for its attitude: trackers take a palm for the back of a hand and back again."""
+"""The same for its orientation: trackers confuse the palm and the back of a hand."""
 
 COUNTERS: Mapping[str, str] = MappingProxyType(
     {
@@ -45,7 +46,7 @@ COUNTERS: Mapping[str, str] = MappingProxyType(
         "unreadable": "hands without id, palm, direction, or a confidence in 0..1",
     }
 )
-"""The counters, and the text behind each count."""
+"""Counters, and the text of each."""
 
 
 class HandTracker:
@@ -60,9 +61,9 @@ class HandTracker:
         self._filter = PoseFilter(options.cutoff_hz, options.cutoff_rise_1_m, options.max_speed_m_s)
         self._counts = counts
         self.hint = ""
-        """Reason why no hand in view counts; empty when one does or none is in view."""
+        """Reason why no hand in view is used; empty when one is, or none is in view."""
         self.at_rest = False
-        """True if the newest frame shows no hand that could hold the clutch by staying as it is."""
+        """True if the newest frame shows no hand whose present posture could hold the clutch."""
         self._seen: dict[int, float] = {}
         self._forget()
 
@@ -194,7 +195,7 @@ class HandTracker:
         self.pose = self._filter(raw, dt_s)
         grab, pinch = hand.grab_strength, hand.pinch_strength
         self.grabbing = _holds(grab, self.grabbing)
-        # A fist brings the thumb to the fingers as well; that is no pinch.
+        # In a fist the thumb touches the fingers, too; that is not a pinch.
         self.pinching = _holds(pinch, self.pinching) and (self.pinching or not self.grabbing)
         self._clutch(grab, pinch, now_s, may_engage)
 

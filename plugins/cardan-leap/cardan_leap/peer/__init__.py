@@ -1,4 +1,4 @@
-"""A simulated Leap Motion tracking service: hands, tracker, and its WebSocket."""
+"""Simulated Leap Motion tracking service: hands, tracker, and its WebSocket."""
 
 from cardan_leap.peer.core import (
     SimulatedHand as SimulatedHand,

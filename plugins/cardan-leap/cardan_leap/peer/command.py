@@ -1,4 +1,4 @@
-"""The simulated tracking service for ``cardan sim leap``."""
+"""Command ``cardan sim leap``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""A simulated tracking service, in the caller's time: its hands, its tracker, its clients.
-
-Times are s since its start. Frames keep an absolute schedule with jitter; a service that comes to
-run too late leaves frames out instead of sending a burst.
-"""
+"""Simulated tracking service, with time as an argument: its hands, its tracker, its clients. Times
+are s since its start. Frames keep an absolute schedule with jitter; a service that runs late skips
+frames instead of sending a burst."""
 
 from __future__ import annotations
 
@@ -40,7 +38,7 @@ DEVICE_ID = "LP00000000001"
 DEVICE_TYPE = "peripheral"
 HEARTBEAT_VALID_S = 2.0 * HEARTBEAT_PERIOD_S
 EPOCH_US = 56_257_000_000
-"""The service's clock when it starts: its epoch is arbitrary."""
+"""The service's clock at its start: its epoch is arbitrary."""
 LOG_LENGTH = 1000
 
 UPRIGHT: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -48,19 +46,19 @@ UPRIGHT: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0
 
 @dataclass
 class SimulatedHand:
-    """A hand in view of the tracker, with the posture that was set."""
+    """Hand in view of the tracker, and its posture."""
 
     hand_model: HandModel
     palm_mm: Triple = (0.0, 200.0, 0.0)
     tilt_deg: Triple = (0.0, 0.0, 0.0)
-    """Pitch, yaw and roll: fingers up, fingers to the right, left edge down."""
+    """Pitch (fingers up), yaw (fingers to the right) and roll (left edge down)."""
     grab: float = 0.0
     pinch: float = 0.0
     confidence: float = 1.0
 
 
 class Message(NamedTuple):
-    """A message of the service to a client at an instant."""
+    """Message of the service to a client, and its time."""
 
     time_s: float
     client: int
@@ -78,7 +76,7 @@ class _Client:
 
 
 class SimulatedLeapService:
-    """The service. Clients are known by numbers that the caller gives them.
+    """Simulated service. The caller assigns numbers to its clients.
 
     Raises ScriptError for faults that do not exist.
     """
@@ -98,7 +96,7 @@ class SimulatedLeapService:
         self._jitter_s = jitter * self._period_s
         self._random = random.Random(seed)
         self.hands: dict[str, SimulatedHand] = {}
-        """By side: "left", "right"."""
+        """Hands in view by side: "left", "right"."""
         self.attached = not self.faults.get("no-device")
         self.streaming = self.attached
         self.stalled = False
@@ -106,7 +104,7 @@ class SimulatedLeapService:
         """Messages of clients, newest last."""
         self.frames_sent = 0
         self.restarts = 0
-        """How often it has restarted: every connection of before is to be cut."""
+        """Number of restarts: each ends all connections."""
         self._clients: dict[int, _Client] = {}
         self._focused: int | None = None
         self._next_hand_id = 1
@@ -129,21 +127,21 @@ class SimulatedLeapService:
 
     @property
     def plugged(self) -> bool:
-        """Whether connections are accepted now."""
+        """True if connections are accepted now."""
         return self._now_s >= self._down_until_s
 
     @property
     def clients(self) -> tuple[int, ...]:
-        """The numbers of the clients that are connected."""
+        """Return the numbers of the connected clients."""
         return tuple(self._clients)
 
     @property
     def focused(self) -> int | None:
-        """The client that has the focus."""
+        """Return the client that has the focus."""
         return self._focused
 
     def connect(self, number: int, version: int) -> int | None:
-        """A client has opened the path of `version`; the code to close it with, or None."""
+        """Register a client that opened the path of `version`; return the close code, or None."""
         if version > self.faults.get("highest-version", VERSIONS[-1]):
             return UNSUPPORTED_VERSION_CLOSE
         self._clients[number] = client = _Client(version)
@@ -155,13 +153,13 @@ class SimulatedLeapService:
         return None
 
     def disconnect(self, number: int) -> None:
-        """The client is gone; its options are forgotten."""
+        """Remove a client and its options."""
         self._clients.pop(number, None)
         if self._focused == number:
             self._focused = None
 
     def receive(self, number: int, text: bytes | str, now_s: float) -> None:
-        """Take a client's message. There is never an answer."""
+        """Process a client's message. There is never an answer."""
         options = decode_options(text)
         self.requests.append((number, options))
         client = self._clients.get(number)
@@ -194,7 +192,7 @@ class SimulatedLeapService:
         return messages
 
     def gets_frames(self, number: int, now_s: float) -> bool:
-        """Whether frames go to this client."""
+        """Return True if frames go to this client."""
         client = self._clients[number]
         if client.version >= FOCUS_SINCE:
             return client.background or number == self._focused
@@ -205,22 +203,22 @@ class SimulatedLeapService:
     # -- hands and tracker ---------------------------------------------------------------------
 
     def enter(self, side: str) -> SimulatedHand:
-        """A hand comes into view, with a new id."""
+        """Bring a hand into view, with a new id."""
         hand = SimulatedHand(self._hand_model(side))
         self.hands[side] = hand
         return hand
 
     def leave(self, side: str) -> None:
-        """A hand leaves."""
+        """Remove a hand from view."""
         self.hands.pop(side, None)
 
     def new_id(self, side: str) -> None:
-        """The hand is lost and found between two frames: a new id, the same hand."""
+        """Lose and find the hand between two frames: a new id for the same hand."""
         if side in self.hands:
             self.hands[side].hand_model = self._hand_model(side)
 
     def set_device(self, attached: bool, streaming: bool) -> None:
-        """The tracker is plugged in or not, and delivers or not; the clients are informed."""
+        """Set whether the tracker is plugged in and whether it delivers; inform the clients."""
         if (attached, streaming) == (self.attached, self.streaming):
             return
         self.attached, self.streaming = attached, streaming
@@ -234,16 +232,16 @@ class SimulatedLeapService:
         self.set_device(False, False)
 
     def replug(self) -> None:
-        """The reverse."""
+        """Plug the tracker in, with the events in reverse order."""
         self.set_device(True, False)
         self.set_device(True, True)
 
     def steal_focus(self) -> None:
-        """Some other program takes the focus."""
+        """Give the focus to another program."""
         self._focused = None
 
     def restart(self, down_s: float = RESTART_S) -> None:
-        """The service ends and is back after `down_s`; hands in view get new ids."""
+        """Restart the service, away for `down_s`; hands in view get new ids."""
         self.restarts += 1
         self._down_until_s = self._now_s + down_s
         self._clients.clear()
@@ -255,7 +253,7 @@ class SimulatedLeapService:
             hand.hand_model = self._hand_model(side)
 
     def break_next(self, frames: int) -> None:
-        """Cut the next `frames` frames short."""
+        """Truncate the next `frames` frames."""
         self._malformed_left = frames
 
     def _hand_model(self, side: str) -> HandModel:
@@ -269,11 +267,11 @@ class SimulatedLeapService:
 
     @property
     def next_due_s(self) -> float:
-        """Time at which `advance` has work next."""
+        """Return the time at which `advance` has work next."""
         return self._next_event_s
 
     def skip_to(self, now_s: float) -> None:
-        """Leave out the frames that are more than a period late at `now_s`."""
+        """Skip the frames that are more than a period late at `now_s`."""
         if now_s - self._due_s > self._period_s:
             slots = int(now_s * self.rate_hz) - self._slot
             if slots > 0:
@@ -351,7 +349,7 @@ class SimulatedLeapService:
         measured = [
             hand.hand_model.measure(self._posture(hand), due_s) for hand in self.hands.values()
         ]
-        # The order of hands is not stable in the service either.
+        # The order of hands is unstable in the real service, too.
         if self._frame_id % 2:
             measured.reverse()
         return frame_document(
@@ -397,7 +395,8 @@ class SimulatedLeapService:
 def rotation_rows(
     pitch_rad: float, yaw_rad: float, roll_rad: float
 ) -> tuple[Triple, Triple, Triple]:
-    """The attitude of a hand that was rolled, then pitched, then yawed: tracker's axes, by rows."""
+    """Return the attitude of a hand that was rolled, then pitched, then yawed: tracker's axes, by
+    rows."""
     cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
     cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
     cr, sr = math.cos(roll_rad), math.sin(roll_rad)

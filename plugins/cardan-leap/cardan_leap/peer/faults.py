@@ -1,4 +1,4 @@
-"""Faults the simulated tracking service and its tracker can be told to have."""
+"""Faults of the simulated tracking service and its tracker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scripted hands: what an operator does above the simulated tracker, as a function of time."""
+"""Scripted hands: an operator's motions above the simulated tracker, as a function of time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cardan_leap.peer.faults import RESTART_S
 from cardan_leap.protocol import HANDS
 
 SHORTEST_SWING_S = 0.01
-"""The shortest period of a swing."""
+"""Shortest period of a swing."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "enter": (
@@ -52,8 +52,8 @@ Strengths and confidence are 0 to 1.
 ``move``, ``tilt``, ``grab``, ``pinch`` and ``confidence`` start and end gently; ``swing`` adds N
 whole sine periods of SECONDS each on top. ``unplug`` and ``replug`` are the tracker's cable,
 ``pause`` and ``unpause`` its delivery; ``stall`` stops the frames without notice until ``resume``.
-``restart`` takes the service away for SECONDS, ``malformed`` cuts the next FRAMES short, ``loop``
-starts the script again.
+``restart`` stops the service for SECONDS, ``malformed`` truncates the next FRAMES, ``loop`` starts
+the script again.
 """
 
 HOME_MM = (0.0, 200.0, 0.0)
@@ -143,8 +143,8 @@ SCRIPTS: Mapping[str, str] = {
         31.0  loop
     """,
 }
-"""The built-in scripts. All begin without a hand, since a driver accepts a service only after it
-has shown no hand that could hold the clutch."""
+"""Built-in scripts. All begin without a hand, since a driver uses a service only after a frame
+without a hand that could hold the clutch."""
 
 
 _CHANNELS: Mapping[str, tuple[float, ...]] = {
@@ -157,7 +157,7 @@ _CHANNELS: Mapping[str, tuple[float, ...]] = {
 
 
 _Channels = Mapping[str, VectorMotion[tuple[float, ...]]]
-"""How one hand moves."""
+"""Motion channels of a hand."""
 
 
 def _channels(palm_mm: tuple[float, ...] = HOME_MM) -> _Channels:
@@ -166,7 +166,7 @@ def _channels(palm_mm: tuple[float, ...] = HOME_MM) -> _Channels:
 
 
 class ScriptedHands(MotionScript[SimulatedLeapService]):
-    """Plays the steps of a script above a simulated tracker. Between steps hands move with the
+    """Player of a script's steps above a simulated tracker. Between steps hands move with the
     service's frames."""
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
@@ -197,7 +197,7 @@ class ScriptedHands(MotionScript[SimulatedLeapService]):
         return _ACTIONS[words.verb]
 
     def _read_hand(self, words: StepWords, side: str) -> Action[SimulatedLeapService]:
-        """Return the act of a step on a hand."""
+        """Return the action of a step on a hand."""
         if words.verb == "enter":
             return self._entering(side, _position(words) if words.left else HOME_MM)
         if words.verb == "swing":
@@ -220,7 +220,7 @@ class ScriptedHands(MotionScript[SimulatedLeapService]):
     def _moving(
         self, side: str, **strokes: VectorRamp | SinePeriods
     ) -> Action[SimulatedLeapService]:
-        """Strokes by their channels, of a hand which a script may move before it comes."""
+        """Motion profiles by their channels, of a hand that a script may move before it appears."""
 
         def move(_: SimulatedLeapService, at_s: float) -> None:
             channels = self._hands.setdefault(side, _channels())
@@ -260,4 +260,4 @@ _ACTIONS: Mapping[str, Action[SimulatedLeapService]] = {
     "resume": setting("stalled", False),
     "steal-focus": calling("steal_focus"),
 }
-"""Acts of steps without words."""
+"""Actions of steps without arguments."""

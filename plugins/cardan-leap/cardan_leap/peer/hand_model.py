@@ -1,6 +1,6 @@
 """Model of a hand in the tracking service: every field of a frame from a few numbers.
 
-Points are first laid out in the hand's own axes (right, up, back; mm) of a right hand, palm down,
+Points are first computed in the hand's own axes (right, up, back; mm) of a right hand, palm down,
 fingers away; a left hand is its mirror image. The proportions are an adult's, after public
 recordings of the service.
 """
@@ -20,7 +20,7 @@ ARM_WIDTH_MM = 60.0
 FOREARM_MM = 250.0
 WRIST: Triple = (2.0, -4.0, 58.0)
 SPHERE_RADII_MM = (80.0, 33.0)
-"""Radii of the ball that an open hand, and a fist, holds."""
+"""Radii of the sphere that an open hand, and a fist, holds."""
 INTERACTION_BOX = {"center": [0.0, 200.0, 0.0], "size": [235.247, 235.247, 147.751]}
 NO_MOTION: dict[str, Any] = {
     "r": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
@@ -49,9 +49,9 @@ FINGERS = (
     _Finger((6.0, 0.0, 42.0), (16.0, 2.0, -22.0), 0.1, (42.0, 26.0, 18.0), 17.4),
     _Finger((15.0, 0.0, 38.0), (32.0, -2.0, -12.0), 0.24, (33.0, 18.0, 16.0), 15.4),
 )
-"""Thumb to little finger; the thumb has no metacarpal bone here, as in the service."""
+"""Names from thumb to little finger; the thumb has no metacarpal bone, as in the service."""
 _CURL_RAD = (1.3, 1.6, 1.0)
-"""How far a fist bends the three joints of a finger."""
+"""Bend of the three joints of a finger in a fist."""
 _PINCH_RAD = (0.7, 0.8, 0.4)
 _THUMB_SHARE = 0.45
 _THUMB_ACROSS_RAD = 1.1
@@ -69,7 +69,7 @@ class HandPosture(NamedTuple):
 
 
 class HandModel:
-    """A hand in view, of the service's id `hand_id`: from postures to JSON."""
+    """Hand in view, with the service's id `hand_id`: from postures to JSON."""
 
     def __init__(self, hand_id: int, side: str, seen_s: float) -> None:
         self.id = hand_id
@@ -83,7 +83,7 @@ class HandModel:
     def measure(
         self, posture: HandPosture, now_s: float
     ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-        """The hand and its five fingers as in the service's newest version."""
+        """Return the hand and its five fingers in the service's newest version."""
         palm = posture.palm_mm
         rows = posture.rows
         dt_s = now_s - self._last_s
@@ -192,7 +192,7 @@ class HandModel:
         return finger, tip
 
     def _turn(self, rows: tuple[Triple, Triple, Triple], own: Triple) -> Triple:
-        """A vector in a right hand's own axes, in the tracker's."""
+        """Convert a vector from a right hand's own axes to the tracker's."""
         x, y, z = own
         if self.side == "left":
             x = -x
@@ -209,7 +209,7 @@ class HandModel:
     def _basis(
         self, rows: tuple[Triple, Triple, Triple], right: Triple, back: Triple
     ) -> list[list[float]]:
-        """A bone's axes by rows; those of a left hand are left-handed."""
+        """Return a bone's axes by rows; those of a left hand are left-handed."""
         return [_numbers(self._turn(rows, axis)) for axis in (right, _cross(back, right), back)]
 
 
@@ -219,7 +219,7 @@ def frame_document(
     rate_hz: float,
     measured: Iterable[tuple[dict[str, Any], list[dict[str, Any]]]],
 ) -> dict[str, Any]:
-    """A frame of the newest version."""
+    """Return a frame in the newest version."""
     hands: list[dict[str, Any]] = []
     pointables: list[dict[str, Any]] = []
     for hand, fingers in measured:
@@ -250,7 +250,7 @@ _SKELETON_KEYS = frozenset(
 
 
 def as_version(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """The frame in the form of `version`."""
+    """Return the frame in the format of `version`."""
     if version >= SKELETON_SINCE:
         return document
     return {
@@ -269,7 +269,7 @@ def as_version(document: dict[str, Any], version: int) -> dict[str, Any]:
 
 
 def _angles(v: Triple) -> tuple[float, float]:
-    """Splay and bend of a direction."""
+    """Return the splay and bend of a direction."""
     x, y, z = v
     return math.atan2(x, -z), math.atan2(-y, math.hypot(x, z))
 
@@ -318,7 +318,7 @@ def _rate(new: Triple, old: Triple | None, dt_s: float) -> Triple:
 
 
 def _number(value: float) -> float:
-    """Round a number as the service prints it: six digits."""
+    """Round a number to the six digits that the service prints."""
     return float(f"{value:.6g}") + 0.0
 
 

@@ -1,4 +1,4 @@
-"""The simulated tracking service on a real TCP port, speaking WebSocket."""
+"""Simulated tracking service on a real TCP port, speaking WebSocket."""
 
 from __future__ import annotations
 
@@ -34,17 +34,16 @@ class LeapPeerOptions(DevicePeerOptions):
     port: Annotated[int, bounds.ANY_PORT] = option(PORT, "Its port; 0: any.", metavar="PORT")
     rate_hz: Annotated[float, RATE_HZ] = option(DEFAULT_RATE_HZ, "Frames a second.")
     jitter: Annotated[float, JITTER] = DEFAULT_JITTER
-    """How late a frame may be, as a share of the period."""
+    """Largest delay of a frame, as a share of the period."""
 
 
 class LeapPeer(DevicePeer[SimulatedLeapService, Message]):
-    """Serves a `SimulatedLeapService` to any number of clients up to `MAX_CLIENTS`.
-
-    Raises ScriptError for a script or fault that does not exist or makes no sense.
+    """Server of a `SimulatedLeapService` for at most `MAX_CLIENTS` clients. Raises ScriptError for
+    an unknown or invalid script or fault.
     """
 
     stall_s = 0.0
-    """The service itself knows which of its frames are too late."""
+    """Longest time to catch up after a stall: none, since the service itself skips late frames."""
 
     def __init__(self, options: LeapPeerOptions | None = None) -> None:
         options = LeapPeerOptions() if options is None else options

@@ -1,4 +1,4 @@
-"""The WebSocket connections of the tracking service's clients."""
+"""WebSocket connections of the tracking service's clients."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from cardan_leap.protocol import HEARTBEAT_VERSIONS, ClientOptions, version_of
 MAX_CLIENTS = 16
 MAX_REQUEST_BYTES = 1 << 16
 BACKLOG_BYTES = 1 << 18
-"""Most bytes queued for a client that does not read; beyond it frames are dropped whole."""
+"""Most bytes queued for a client that does not read; beyond it whole frames are dropped."""
 
 _log = logging.getLogger(__name__)
 _protocol_log = logging.getLogger(f"{__name__}.protocol")
-"""Logger of the library, which would log every frame."""
+"""Logger of websockets, which would otherwise log every frame."""
 _protocol_log.setLevel(logging.WARNING)
 
 
@@ -38,11 +38,11 @@ class _Link(StreamClient):
         self.number = number
         self.protocol = ServerProtocol(max_size=MAX_REQUEST_BYTES, logger=_protocol_log)
         self._ends = False
-        """Nothing more is to be sent after what waits."""
+        """True: close the connection after the queued data."""
 
     @property
     def open(self) -> bool:
-        """Whether messages can be sent."""
+        """True if messages can be sent."""
         return self.protocol.state is State.OPEN
 
     def pump(self) -> None:
@@ -59,31 +59,30 @@ class _Link(StreamClient):
 
 
 class LeapWebSocket(DeviceBackend[Message]):
-    """A port of `host` (0: any) for the clients of `service`.
-
-    The script starts when the first client may get frames.
+    """Server at a port of `host` (0: any) for the clients of `service`. The script starts when the
+    first client may receive frames.
     """
 
     def __init__(self, service: SimulatedLeapService, host: str, port: int) -> None:
         self._service = service
         self._host = host
         self.port = port
-        """Where it listens."""
+        """TCP port of the server."""
         self._next_number = 1
         self._restarts = 0
 
     @property
     def endpoint(self) -> str:
-        """The URL of the newest version."""
+        """URL of the newest version."""
         return f"ws://{self._host}:{self.port}/v6.json"
 
     @property
     def there(self) -> bool:
-        """Whether it listens."""
+        """True while the server listens."""
         return self._server.listening
 
     def open(self, shell: Shell) -> None:
-        """Listen. Raises AddressError where that cannot be."""
+        """Listen. Raises AddressError if that is impossible."""
         super().open(shell)
         self._server: DeviceServer[_Link] = DeviceServer(
             shell.selector, MAX_CLIENTS, meet=self._meet, take=self._receive, part=self._part
@@ -98,7 +97,7 @@ class LeapWebSocket(DeviceBackend[Message]):
             self._listen()
 
     def vanish(self) -> None:
-        """Listen no more; connections stay."""
+        """Stop listening; connections stay."""
         self._server.stop_listening()
 
     def attend(self, now_s: float) -> None:
@@ -110,7 +109,7 @@ class LeapWebSocket(DeviceBackend[Message]):
                 self._server.drop(link)
 
     def send(self, messages: Iterable[Message]) -> None:
-        """Queue messages for their clients; a client that does not read gets no more."""
+        """Queue messages for their clients, except for a client with a full queue."""
         links = {link.number: link for link in self._server.clients}
         touched: dict[int, _Link] = {}
         for _, number, text in messages:
@@ -123,7 +122,7 @@ class LeapWebSocket(DeviceBackend[Message]):
             self._server.flush(link)
 
     def close(self) -> None:
-        """Close every connection, with code 1001 as a service that ends."""
+        """Close every connection, with code 1001 like a service that ends."""
         for link in tuple(self._server.clients):
             with contextlib.suppress(ConnectionClosed, InvalidState):
                 link.protocol.send_close(1001)
@@ -152,7 +151,7 @@ class LeapWebSocket(DeviceBackend[Message]):
         self._pump(link)
 
     def _answer(self, link: _Link, request: Request) -> None:
-        """Answer the opening handshake, and begin to serve."""
+        """Answer the opening handshake and start the session."""
         protocol = link.protocol
         version = version_of(request.path)
         if version is None:
@@ -180,11 +179,11 @@ class LeapWebSocket(DeviceBackend[Message]):
         else:
             _log.info("client %d: %s", link.number, data.decode(errors="replace"))
         if link.number in self._service.clients:
-            # Asking for anything means that the client has read the service's version.
+            # A request shows that the client has read the service's version.
             self.shell.begin()
 
     def _pump(self, link: _Link) -> None:
-        """Pass on the protocol's outgoing bytes."""
+        """Send the protocol's queued bytes."""
         link.pump()
         self._server.flush(link)
         if link.protocol.state is State.CLOSED:

@@ -1,4 +1,5 @@
-"""The tracker's axes and the operator's: positions, directions, and the attitude of a hand.
+"""Conversions between the tracker's axes and the operator's: positions, directions, and the
+attitude of a hand.
 
 Tracker: x right, y up, z towards the operator, mm. Operator (and robot): x forward, y left, z up,
 m; an attitude is the identity when the palm is down and the fingers point forward.
@@ -12,37 +13,37 @@ from cardan.types import Quaternion, Vector3
 
 M_PER_MM = 0.001
 _PARALLEL = 1e-3
-"""Direction and normal whose sine is below this do not span a hand."""
+"""Sine of the angle between direction and normal below which they do not define a hand's
+attitude."""
 
 
 def vector_from_leap(v: Vector3) -> Vector3:
-    """A vector in the tracker's axes, along the operator's: forward -z, left -x, up y."""
+    """Convert a vector from the tracker's axes to the operator's: forward -z, left -x, up y."""
     # Subtracting from 0.0 instead of negating keeps rest free of negative zeros.
     return Vector3(0.0 - v[2], 0.0 - v[0], v[1])
 
 
 def vector_to_leap(v: Vector3) -> Vector3:
-    """The inverse of `vector_from_leap`."""
+    """Convert a vector back, the inverse of `vector_from_leap`."""
     return Vector3(0.0 - v[1], v[2], 0.0 - v[0])
 
 
 def position_from_leap(position_mm: Vector3) -> Vector3:
-    """A position in the tracker's axes, mm, along the operator's, m."""
+    """Convert a position from the tracker's axes, mm, to the operator's, m."""
     x, y, z = position_mm
     return Vector3(0.0 - z * M_PER_MM, 0.0 - x * M_PER_MM, y * M_PER_MM)
 
 
 def position_to_leap(position_m: Vector3) -> Vector3:
-    """The inverse of `position_from_leap`."""
+    """Convert a position back, the inverse of `position_from_leap`."""
     x, y, z = position_m
     return Vector3(0.0 - y / M_PER_MM, z / M_PER_MM, 0.0 - x / M_PER_MM)
 
 
 def hand_orientation(direction: Vector3, palm_normal: Vector3) -> Quaternion | None:
-    """The attitude of a hand in the operator's axes, from two vectors in the tracker's.
-
-    `direction` counts, and of `palm_normal` what is perpendicular to it. None: they are too short,
-    or parallel.
+    """Return the attitude of a hand in the operator's axes, from two vectors in the tracker's:
+    `direction`, and the part of `palm_normal` perpendicular to it. None: they are too short, or
+    parallel.
     """
     fx, fy, fz = vector_from_leap(direction)
     nx, ny, nz = vector_from_leap(palm_normal)
@@ -62,7 +63,7 @@ def hand_orientation(direction: Vector3, palm_normal: Vector3) -> Quaternion | N
 
 
 def direction_and_normal(orientation: Quaternion) -> tuple[Vector3, Vector3]:
-    """`direction` and `palmNormal` of a hand of this attitude, in the tracker's axes."""
+    """Return `direction` and `palmNormal` of a hand of this attitude, in the tracker's axes."""
     w, x, y, z = orientation
     forward = Vector3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
     down = Vector3(-2.0 * (x * z + w * y), 2.0 * (w * x - y * z), 2.0 * (x * x + y * y) - 1.0)
@@ -70,7 +71,8 @@ def direction_and_normal(orientation: Quaternion) -> tuple[Vector3, Vector3]:
 
 
 def pitch_yaw_roll(direction: Vector3, palm_normal: Vector3) -> tuple[float, float, float]:
-    """The vendor's three angles of a hand, rad: fingers up, fingers to the right, left edge down.
+    """Return the vendor's three angles of a hand, rad: fingers up, fingers to the right, left edge
+    down.
 
     They degenerate when the fingers point up or back; an attitude does not.
     """
@@ -86,8 +88,8 @@ def _from_columns(
     yx: float, yy: float, yz: float,
     zx: float, zy: float, zz: float,
 ) -> Quaternion:  # fmt: skip
-    """The unit quaternion of the rotation with these columns, scalar not negative."""
-    # Each of the four is found as a square; dividing by the largest keeps the digits.
+    """Return the unit quaternion of the rotation with these columns, scalar not negative."""
+    # Each component is first found as a square; dividing by the largest preserves precision.
     squares = (1.0 + xx + yy + zz, 1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz)
     largest = squares.index(max(squares))
     double = 2.0 * math.sqrt(squares[largest])

@@ -22,14 +22,14 @@ VERSIONS = (1, 2, 3, 4, 5, 6)
 HEARTBEAT_VERSIONS = (2, 3)
 HEARTBEAT_PERIOD_S = 0.1
 FOCUS_SINCE = 4
-"""The first version that knows `focused` and `background`."""
+"""First version with `focused` and `background`."""
 DEVICE_EVENT_SINCE = 5
-"""Before, a `deviceConnect` event reports plugging and unplugging."""
+"""First version with `deviceEvent`; before, `deviceConnect` reports plugging and unplugging."""
 HMD_SINCE = 6
 SKELETON_SINCE = 6
-"""The first version whose hands say left or right, grab, pinch and confidence."""
+"""First version whose hands have a side, grab, pinch and confidence."""
 UNSUPPORTED_VERSION_CLOSE = 1001
-"""The WebSocket close code of a service that does not know the version asked for."""
+"""WebSocket close code of a service that does not support the requested version."""
 HANDS = ("left", "right")
 
 _PATH = re.compile(r"/v([1-9][0-9]?)\.json\Z", re.ASCII)
@@ -39,40 +39,40 @@ class Version(NamedTuple):
     """The service's first message."""
 
     version: int
-    """The protocol version in force; may be lower than asked for."""
+    """Protocol version in force; may be lower than requested."""
     service_version: str = ""
 
 
 class DeviceEvent(NamedTuple):
-    """A tracker came, went, started or stopped to deliver; sent on changes only."""
+    """Change of a tracker: plugged in, unplugged, or its delivery started or stopped."""
 
     id: str
-    """Empty before version 5."""
+    """Id of the tracker; empty before version 5."""
     type: str
-    """peripheral, laptop or keyboard; empty before version 5."""
+    """Type of the tracker: peripheral, laptop or keyboard; empty before version 5."""
     attached: bool
     streaming: bool
-    """False: it is there but does not deliver."""
+    """False: it is connected but does not deliver."""
 
 
 class Hand(NamedTuple):
-    """A hand of a frame. None: the service does not say."""
+    """Hand of a frame. None: the service gives no value."""
 
     id: int
-    """A new one when the hand comes back or is classified anew."""
+    """Id; a new one after the hand was lost or classified again."""
     palm_position_mm: Vector3
     palm_normal: Vector3
-    """Out of the palm, near unit length."""
+    """Direction out of the palm, near unit length."""
     direction: Vector3
-    """From the palm to the fingers, near unit length."""
+    """Direction from the palm to the fingers, near unit length."""
     type: str = ""
-    """left, right, or empty: the service does not say."""
+    """Side, left or right; empty: the service gives none."""
     grab_strength: float | None = None
-    """0 open to 1 fist."""
+    """Grab strength, 0 (open) to 1 (fist)."""
     pinch_strength: float | None = None
-    """0 open to 1: the thumb touches a finger."""
+    """Pinch strength, 0 (open) to 1 (the thumb touches a finger)."""
     confidence: float | None = None
-    """0 to 1: how well the hand's model fits the images."""
+    """Confidence, 0 to 1: how well the hand's model fits the images."""
     time_visible_s: float | None = None
 
 
@@ -81,26 +81,26 @@ class TrackingFrame(NamedTuple):
 
     id: int | None
     timestamp_us: int | None
-    """By the service's clock, of an arbitrary epoch."""
+    """Stamp by the service's clock, of an arbitrary epoch."""
     current_frame_rate_hz: float | None
     hands: tuple[Hand, ...]
     """Readable hands, in no particular order."""
     unreadable_hands: int = 0
-    """Hands whose id, palm or direction is missing or no number, or whose confidence is there but
-    no number in 0..1."""
+    """Number of hands whose id, palm or direction is missing or not a number, or whose confidence
+    is outside 0..1."""
 
 
 class Ignored(NamedTuple):
-    """A well-formed message that is not used here."""
+    """Well-formed message that is not used here."""
 
     keys: tuple[str, ...]
 
 
 class Malformed(NamedTuple):
-    """Not a message of this protocol."""
+    """Message that does not follow this protocol."""
 
     reason: str
-    """One of a few fixed phrases, fit for counting by."""
+    """Reason, one of a few fixed phrases suitable as keys of counters."""
 
 
 ServiceMessage = Version | DeviceEvent | TrackingFrame | Ignored | Malformed
@@ -110,15 +110,15 @@ class ClientOptions(NamedTuple):
     """Options that a client requests; None: not requested."""
 
     focused: bool | None = None
-    """Take (or drop) the focus; taking it takes the frames from clients without `background`."""
+    """Take (or release) the focus; taking it ends the frames for clients without `background`."""
     background: bool | None = None
-    """Frames without the focus, too."""
+    """Receive frames without the focus, too."""
     optimize_hmd: bool | None = None
-    """The tracker looks from the operator's forehead."""
+    """Tell the service that the tracker is worn on the operator's forehead."""
     enable_gestures: bool | None = None
     heartbeat: bool | None = None
     unknown: tuple[str, ...] = ()
-    """Keys that are not of this protocol, or not true or false."""
+    """Number of keys outside this protocol, or with a value other than true or false."""
 
 
 _OPTION_KEYS: Mapping[str, str] = {
@@ -128,7 +128,7 @@ _OPTION_KEYS: Mapping[str, str] = {
     "heartbeat": "heartbeat",
     "focused": "focused",
 }
-"""In the order in which the public client sends them."""
+"""Option keys in the order in which the public client sends them."""
 
 NOT_TEXT = "that are not UTF-8"
 NOT_JSON = "that are not JSON"
@@ -139,12 +139,12 @@ BAD_HANDS = "with hands that are no list"
 
 
 def path_of(version: int) -> str:
-    """The path a client opens to ask for `version`."""
+    """Return the path that a client opens to request `version`."""
     return f"/v{version}.json"
 
 
 def version_of(path: str) -> int | None:
-    """Return the version of a path; None: no path of this protocol. ``/`` means 1."""
+    """Return the version of a path; None: not a path of this protocol. ``/`` means 1."""
     if path == "/":
         return 1
     match = _PATH.match(path)
@@ -152,7 +152,7 @@ def version_of(path: str) -> int | None:
 
 
 def decode_service(data: bytes | str) -> ServiceMessage:
-    """Read one message of the service. Never raises."""
+    """Decode a message of the service. Never raises."""
     document = _document(data)
     if isinstance(document, Malformed):
         return document
@@ -170,7 +170,7 @@ def decode_service(data: bytes | str) -> ServiceMessage:
 
 
 def decode_options(data: bytes | str) -> ClientOptions | Malformed:
-    """Read one message of a client. Never raises."""
+    """Decode a message of a client. Never raises."""
     document = _document(data)
     if isinstance(document, Malformed):
         return document
@@ -185,7 +185,7 @@ def decode_options(data: bytes | str) -> ClientOptions | Malformed:
 
 
 def encode_version(version: Version) -> str:
-    """The service's first message."""
+    """Encode the service's first message."""
     document: dict[str, Any] = {"version": version.version}
     if version.service_version:
         document["serviceVersion"] = version.service_version
@@ -206,7 +206,7 @@ def encode_device_event(event: DeviceEvent, version: int) -> str:
 
 
 def encode_options(options: ClientOptions) -> tuple[str, ...]:
-    """A message for each option that `options` says something about."""
+    """Return a message for each option that is set in `options`."""
     return tuple(
         encode_json({key: value})
         for key, name in _OPTION_KEYS.items()
@@ -215,7 +215,7 @@ def encode_options(options: ClientOptions) -> tuple[str, ...]:
 
 
 def encode_json(document: Mapping[str, Any]) -> str:
-    """`document` as the service writes it: keys sorted, no blanks. ValueError for NaN."""
+    """Encode `document` as the service does: keys sorted, no blanks. Raises ValueError for NaN."""
     return json.dumps(document, separators=(",", ":"), sort_keys=True, allow_nan=False)
 
 

@@ -1,8 +1,9 @@
 """Calls of an HDAPI library's functions by requests, and their recorded answers.
 
-A request is a JSON list, a function's name and its arguments; an answer is an object with both,
-the results, and the errors that were on the library's stack then. A tick of the scheduler is an
-object, too: a frame's values. Together they take the place of other protocols' traffic on a wire.
+A request is a JSON list, a function's name and its arguments; an answer is an object with both, the
+results, and the errors that were on the library's stack then. A tick of the scheduler is recorded
+as an object, too, with a frame's values. Requests, answers and ticks together replace the network
+traffic that other protocols have.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ from cardan_omni.protocol import (
 )
 
 GREATEST_N = 0.2
-"""Greatest force that is ever set: the driver's first one, which does not startle a hand, and less
-than the friction of the mechanism."""
+"""Largest force ever set, N: the first force that the driver sets, which does not startle the
+operator and is less than the friction of the mechanism."""
 FORCE, END_CALLBACK, ERROR_STACK = "force", "end-callback", "error-stack"
-"""Requests that are no functions: a course of force as pairs of s and N upwards, which the callback
-sets; that the callback ends itself; and two errors at once, to see how they come back."""
+"""Requests that are not functions of the library: a force profile as pairs of time (s) and upward
+force (N) that the callback sets; a callback that ends itself; and two errors at once, to see in
+which order they are returned."""
 MOST_TICKS = 20_000
-"""Ticks kept until they are read."""
+"""Most ticks kept unread."""
 
 _VALUES: dict[str, Any] = {
     "hdGetBooleanv": ctypes.c_ubyte,
@@ -48,16 +50,16 @@ _VALUES: dict[str, Any] = {
 }
 _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
 _ROOM = 16
-"""More values than any parameter has."""
+"""Size of value buffers: more than any parameter needs."""
 
 
 def request(call: str, *arguments: object) -> bytes:
-    """A request as bytes."""
+    """Encode a request as bytes."""
     return json.dumps([call, *arguments]).encode()
 
 
 class HdCalls:
-    """A program that uses a library. `clock` gives the time of ticks, s; `ticked` is called after
+    """Program that uses a library. `clock` gives the time of ticks, s; `ticked` is called after
     each, in the scheduler's thread."""
 
     def __init__(
@@ -81,18 +83,18 @@ class HdCalls:
 
     @property
     def began(self) -> bytes:
-        """Data known without a call: the available functions."""
+        """Facts known without a call: the available functions."""
         return json.dumps({"functions": sorted(self._functions)}).encode()
 
     def ticks(self) -> list[bytes]:
-        """The ticks since the last call."""
+        """Return the ticks since the last call."""
         found = []
         while self._ticks:
             found.append(json.dumps(self._ticks.popleft()).encode())
         return found
 
     def do(self, words: bytes) -> bytes:
-        """Perform a request and return its answer."""
+        """Execute a request and return its answer."""
         call, *arguments = json.loads(words)
         answer: dict[str, Any] = {"call": call, "arguments": arguments}
         if call == FORCE:
@@ -112,7 +114,8 @@ class HdCalls:
         return json.dumps(answer).encode()
 
     def end(self) -> None:
-        """No force, no scheduler, no device, whatever was asked for before."""
+        """Clear the force, stop the scheduler and close the device, whatever was requested
+        before."""
         self._course = ()
         if self._started:
             self._call("hdStopScheduler")
@@ -123,7 +126,7 @@ class HdCalls:
         self._errors()
 
     def _call(self, call: str, *arguments: Any) -> tuple[Any, list[float]]:
-        """Return the function's result, and the values that it gave."""
+        """Return the function's result and its output values."""
         function = self._functions[call]
         if call in _VALUES:
             given = arguments[1] if call.startswith("hdSet") else ()
@@ -147,7 +150,7 @@ class HdCalls:
         return said.decode("utf-8", "replace") if isinstance(said, bytes) else said, []
 
     def _errors(self) -> list[list[int]]:
-        """All errors of the stack, newest first."""
+        """Return all errors of the stack, newest first."""
         found = []
         for _ in range(MOST_ERRORS):
             error = _error(self._functions["hdGetError"]())
@@ -199,7 +202,7 @@ _READ = (
     ("force", "hdGetDoublev", State.CURRENT_FORCE, 3),
     ("last", "hdGetDoublev", State.LAST_FORCE, 3),
 )
-"""Values that a frame reads: name, function, parameter, count."""
+"""Values that a frame reads: name, function, parameter, count of numbers."""
 
 
 def _bounded(force_n: float) -> float:
@@ -211,5 +214,5 @@ def _error(info: ErrorInfo) -> list[int]:
 
 
 def _plain(value: float) -> float:
-    """Return the value for JSON: 1e300 for one that is not finite."""
+    """Return the value for JSON; 1e300 replaces a value that is not finite."""
     return value if not isinstance(value, float) or math.isfinite(value) else 1e300

@@ -18,7 +18,7 @@ class Answer(NamedTuple):
     returns: Any
     values: tuple[float, ...]
     errors: tuple[int, ...]
-    """Codes, newest first."""
+    """Error codes, newest first."""
     devices: tuple[int, ...]
     """Device handle of each code."""
 
@@ -37,16 +37,16 @@ class Tick(NamedTuple):
     joints: tuple[float, ...]
     temperature: tuple[float, ...]
     force: tuple[float, ...]
-    """At the frame's beginning."""
+    """Value at the beginning of the frame."""
     last: tuple[float, ...]
-    """Of the frame before."""
+    """Value of the previous frame."""
     set_n: float
-    """Force that was set in this frame, upwards."""
+    """Upward force set in this frame, N."""
     errors: tuple[int, ...]
 
 
 class HdapiTraffic:
-    """The answers and ticks of a timeline."""
+    """Answers and ticks of a timeline."""
 
     def __init__(self, timeline: WireTimeline) -> None:
         self.phases = timeline.phases()
@@ -65,16 +65,16 @@ class HdapiTraffic:
                 self.answers.append(_answer(number, said))
 
     def phase(self, name: str) -> TimelinePhase | None:
-        """The phase of that name, if the pilot came to it."""
+        """Phase of that name, if the scenario reached it."""
         return self.phases.get(name)
 
     def ticks(self, *names: str) -> list[Tick]:
-        """The ticks of these phases."""
+        """Ticks of these phases."""
         found = [self.phases[name] for name in names if name in self.phases]
         return [t for t in self.all_ticks if any(p.first <= t.number < p.end for p in found)]
 
     def said(self, call: str, *arguments: Any, phase: str = "") -> Answer | None:
-        """The first answer to a call with these first arguments, of a phase if one is named."""
+        """First answer to a call with these first arguments, optionally within a phase."""
         where = self.phases.get(phase)
         for each in self.answers:
             there = not phase or (where is not None and where.first <= each.number < where.end)
@@ -84,7 +84,7 @@ class HdapiTraffic:
 
     @property
     def opened(self) -> bool:
-        """Whether a device was initialized, and could be asked."""
+        """True if a device was initialized and answered queries."""
         return self.phase("ask") is not None
 
 

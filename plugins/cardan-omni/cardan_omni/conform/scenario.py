@@ -16,7 +16,7 @@ from cardan_omni.protocol import INVALID_HANDLE, Capability, Error, Info, State,
 
 NOBODY = "cardan: there is no such device"
 NO_ENUM = 0x2FFF
-"""Names no parameter."""
+"""Code that is no parameter's."""
 NO_HANDLE = 0x7FFFFF00
 STRINGS = (Info.VERSION, Info.DEVICE_MODEL_TYPE, Info.DEVICE_VENDOR, Info.DEVICE_SERIAL_NUMBER)
 DOUBLES = {
@@ -26,15 +26,15 @@ DOUBLES = {
     Info.NOMINAL_MAX_FORCE: 1,
     Info.NOMINAL_MAX_CONTINUOUS_FORCE: 1,
 }
-"""How many values each has."""
+"""Number of values of each parameter."""
 SETTLE_S = 0.1
 ANSWER_S = 0.02
-"""Time for which a phase goes on after its last request: answers belong to it."""
+"""Time for which a phase continues after its last request: answers in it belong to the phase."""
 STILL_S = 0.6
-"""A hand that has taken the stylus somewhere is at rest after that."""
+"""Time after which a hand that moved the stylus somewhere is at rest."""
 RAMP_S = 0.2
 MOVES = 2.0
-"""Of the length of a phase, for the motion by hand."""
+"""Share of a phase's length that is for motion by hand."""
 WIRE = ""
 
 

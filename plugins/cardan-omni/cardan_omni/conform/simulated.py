@@ -1,4 +1,4 @@
-"""The simulated libHD in this process and a pilot in virtual time."""
+"""The simulated libHD in this process and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from cardan_omni.driver.library import load
 from cardan_omni.peer import OmniFault, OmniSettings, SimulatedOmni
 
 LONGEST_S = 60.0
-"""Limit of a simulated run; a script that waits for an event in vain ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends earlier."""
 IDLE_S = 1e-3
-"""A step of time where the scheduler makes none."""
+"""Time step while the scheduler makes no ticks."""
 REACH_M, TURN_RAD_S = 0.04, 2.0 * math.pi
-"""How far and how fast the hand moves."""
+"""Distance and speed of the hand's motion."""
 
 
 class HdapiSimulation:
-    """A program of the library, and a hand that follows the scenario's requests."""
+    """Program using the library, and a hand that follows the scenario's requests."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         self._exchange = exchange
@@ -29,11 +29,11 @@ class HdapiSimulation:
         self._device = SimulatedOmni(OmniSettings(virtual=True, seed=seed, faults=wanted))
         self._calls = HdCalls(load(str(self._device.path)), lambda: self._now_s)
         self._moved_s: float | None = None
-        """When the hand began to move; None: it is still."""
+        """Time when the hand began to move; None: it rests."""
         self._now_s = 0.0
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
+        """Run until the scenario's script has ended."""
         exchange, device = self._exchange, self._device
         ran_s = device.now_s
         try:
@@ -44,7 +44,7 @@ class HdapiSimulation:
                 self._move()
                 before_s = self._now_s
                 device.step()
-                # The library's clock is that of the tick, in which the callback has looked at ours.
+                # The callback has read our clock in the tick, so that tick's time is the library's.
                 self._now_s = before_s + max(0.0, device.now_s - ran_s) or before_s
                 ran_s = device.now_s
                 if self._now_s == before_s:

@@ -50,7 +50,7 @@ class Hdapi(Suite[HdapiTraffic]):
         return Library(target)
 
     def redacted(self, event: WireEvent) -> WireEvent:
-        """One of the strings is the device's serial number."""
+        """True if one of the strings is the device's serial number."""
         if event.kind is not Kind.DATA or b"hdGetString" not in event.data:
             return event
         hidden = _SERIAL.sub(lambda m: m[1] + b"X" * len(m[2]) + m[3], event.data)

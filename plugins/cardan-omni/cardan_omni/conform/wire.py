@@ -1,4 +1,4 @@
-"""A library in this process as a wire, for `cardan.conform.live`."""
+"""Library in this process as a transport, for `cardan.conform.live`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from cardan_omni.conform.calls import HdCalls
 from cardan_omni.driver.library import load
 
 REPORT_EVERY = 20
-"""Ticks between two times that the reader is woken: a thread that wakes takes time from the
-scheduler's."""
+"""Number of ticks after which the reader is woken: a thread that wakes takes time from the
+scheduler's thread."""
 
 
 class _Program(TargetWire):
@@ -57,7 +57,7 @@ class _Program(TargetWire):
 
 
 class Library(Wires):
-    """The library at `path`, which stays loaded until the process ends."""
+    """Library at `path`, which stays loaded until the process ends."""
 
     def __init__(self, path: str) -> None:
         self._path = path

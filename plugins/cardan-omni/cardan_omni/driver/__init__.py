@@ -1,4 +1,4 @@
-"""The Phantom Omni, Geomagic and 3D Systems Touch as operator devices that give force back."""
+"""The Phantom Omni, Geomagic and 3D Systems Touch as operator devices with force feedback."""
 
 from cardan_omni.driver.core import (
     BUTTONS as BUTTONS,

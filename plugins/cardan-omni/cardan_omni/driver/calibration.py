@@ -2,7 +2,7 @@
 
 The tick asks the library, and starts a calibration when the library reports that it is possible.
 The position may jump then: force is allowed only after the answer has been "calibrated" for
-`SETTLE_S`, and no more from the moment on that it is anything else.
+`SETTLE_S`, and forbidden as soon as it is anything else.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from cardan_omni.protocol import CalibrationStyle
 
 SETTLE_S = 0.1
 UPDATE_AGAIN_S = 0.5
-"""Time after which an update that had no effect is asked for again."""
+"""Time after which an update without effect is requested again."""
 
 SLOW_S = 15.0
-"""Time without success after which the reason says what else may be wrong."""
+"""Time without success after which the reason lists further possible causes."""
 
 _MANUAL = {
     CalibrationStyle.INKWELL: "put the stylus into the inkwell",
@@ -33,7 +33,8 @@ _SLOW = {
 
 
 def style_of(styles: int) -> CalibrationStyle:
-    """The one of the device's `styles` (bits) to calibrate with; the inkwell where it has one."""
+    """Return the one of the device's `styles` (bits) to calibrate with: the inkwell if it has
+    one."""
     for style in (CalibrationStyle.INKWELL, CalibrationStyle.AUTO, CalibrationStyle.ENCODER_RESET):
         if styles & style:
             return style
@@ -41,14 +42,15 @@ def style_of(styles: int) -> CalibrationStyle:
 
 
 class CalibrationWatch:
-    """Follows the answers of the library's check. Times are monotonic, s."""
+    """State machine that follows the answers of the library's calibration check. Times are
+    monotonic, s."""
 
     def __init__(self, styles: int = CalibrationStyle.INKWELL) -> None:
         self.state = Calibration.UNKNOWN
         self.changes = 0
-        """How often the device lost its calibration after it had one."""
+        """Number of times that the device lost a valid calibration."""
         self.updates = 0
-        """How often it was told to calibrate."""
+        """Number of calibrations started."""
         self._style = style_of(styles)
         self._good_since_s: float | None = None
         self._bad_since_s: float | None = None
@@ -56,18 +58,19 @@ class CalibrationWatch:
 
     @property
     def style(self) -> CalibrationStyle:
-        """The style to calibrate with."""
+        """Style to calibrate with."""
         return self._style
 
     def on_opened(self, styles: int) -> None:
-        """The device was opened (again): nothing is known of it."""
+        """Discard all state when the device was opened (again)."""
         self._style = style_of(styles)
         self.state = Calibration.UNKNOWN
         self._good_since_s = self._bad_since_s = None
         self._updated_s = float("-inf")
 
     def on_answer(self, answer: Calibration, now_s: float) -> bool:
-        """The check said `answer`. True: tell the library to calibrate now, with `style`."""
+        """Process the check's `answer`; return True if the library must calibrate now, with
+        `style`."""
         self.state = answer
         if answer is Calibration.OK:
             self._bad_since_s = None
@@ -86,11 +89,11 @@ class CalibrationWatch:
         return True
 
     def usable(self, now_s: float) -> bool:
-        """Whether the position is valid and force is allowed."""
+        """True if the position is valid and force is allowed."""
         return self._good_since_s is not None and now_s - self._good_since_s >= SETTLE_S
 
     def reason(self, now_s: float) -> str:
-        """Why it is not usable; empty when it is."""
+        """Return why the device is not usable; empty if it is."""
         if self.usable(now_s):
             return ""
         if self.state is Calibration.OK:

@@ -1,11 +1,10 @@
-"""Core of the Omni driver: tick snapshots to device state; no I/O, in the caller's time.
+"""Core of the Omni driver: tick snapshots to device state; no I/O, time is an argument.
 
 - The link is LIVE while the newest tick is young, the device calibrated, its stylus out of the
-  inkwell, and its position a position. When that ends, there is no pose and the buttons are
-  released.
+  inkwell, and its position plausible. Otherwise there is no pose and the buttons are released.
 - It is LIVE again only after the buttons were seen up: a button held through a fault must not
   act. The axes (rate mode) stay zero until the stylus was seen near its center.
-- Button edges come from the tick's counters, so that a click between two looks is an edge too.
+- Button edges come from the tick's counters, so that a click between two snapshots is an edge too.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ from cardan_omni.driver.calibration import CalibrationWatch
 from cardan_omni.driver.options import OmniOptions
 
 BUTTONS = ("button_1", "button_2")
-"""button_1 is the front one (dark), button_2 the rear one (white)."""
+"""Names of the buttons: button_1 is the front one (dark), button_2 the rear one (white)."""
 
 RATE_KNOWN_AFTER = 80
-"""Ticks after opening from which the rate, which is smoothed, counts."""
+"""Number of ticks after opening before the smoothed rate is valid."""
 
 FORCE_KNOWN_S = 0.02
-"""Age of a snapshot of the tick beyond which it does not tell the force."""
+"""Age of a snapshot beyond which its force is unknown."""
 
 POSE_AFTER_S = 0.1
 """Largest age of the pose that `measured` gives."""
@@ -40,16 +39,17 @@ SETTLING_S = 0.5
 SETTLES = (Calibration.OK, Calibration.UNKNOWN)
 
 SLOW_S = 0.3
-"""Time of a low rate after which it is no passing stall."""
+"""Duration of a low rate beyond which it is not a passing stall."""
 
 GAP_REPORT_HOLD_S = 0.05
-"""Time for which a gap between ticks is reported after it ended, so that every reader sees it."""
+"""Time for which a gap between ticks is still reported after it ended, so that every reader sees
+it."""
 
 SLOW_TICK_S = 0.8e-3
-"""Duration of a tick, of the 1 ms it has, from which the diagnosis reports it."""
+"""Duration of a tick, of the 1 ms available, above which the diagnosis reports it."""
 
 WARM = 0.8
-"""Motor temperature (0 cold, 1 hottest) from which the diagnosis reports it."""
+"""Motor temperature (0 cold, 1 hottest) above which the diagnosis reports it."""
 
 UNSEEN_REASON = "opened, no tick yet"
 SILENT_REASON = f"no tick of the force loop for {FORCE_KNOWN_S * 1e3:g} ms: its force is not known"
@@ -81,7 +81,7 @@ class Identity(NamedTuple):
 
 
 class OmniCore(DeviceCore):
-    """The state of one device. Times are monotonic, s."""
+    """State of one device. Times are monotonic, s."""
 
     def __init__(self, options: OmniOptions) -> None:
         super().__init__()
@@ -89,9 +89,9 @@ class OmniCore(DeviceCore):
         self.calibration = CalibrationWatch()
         self.identity = Identity()
         self.snapshot = HapticState()
-        """The newest one; its times since the snapshot before are those since the last `taken`."""
+        """Newest snapshot; its maxima are since the last snapshot that was `taken`."""
         self.hint = ""
-        """Further warning, about the force loop's priority and permission."""
+        """Further warning, about the force loop's priority and permissions."""
         self.numbers_hint = ""
         """Fault of the process's locale for numbers."""
         self._shaper = Shaper(options)
@@ -104,14 +104,14 @@ class OmniCore(DeviceCore):
         self._axes_count = False
         self._first_tick = 0
         self._fast = False
-        """Whether the loop is fast enough for force."""
+        """True if the loop is fast enough for force."""
         self._slow_since_s: float | None = None
         self._update_due = False
         self._gap_seen_s = NEVER_S
         self.errors = 0
-        """Errors of the library, as the tick has counted them."""
+        """Number of errors of the library, counted by the tick."""
         self.bad_readings = 0
-        """Ticks in which the device could not be read."""
+        """Number of ticks in which the device could not be read."""
         self._longest_gap_s = 0.0
         self._longest_cost_s = 0.0
         self._opened_s = 0.0
@@ -119,7 +119,7 @@ class OmniCore(DeviceCore):
     # -- what happens --------------------------------------------------------------------------
 
     def on_opened(self, identity: Identity, now_s: float) -> None:
-        """The device was opened (again): nothing that was known of the stylus counts."""
+        """Discard what was known of the stylus when the device was opened (again)."""
         self.identity = identity
         self.calibration.on_opened(identity.calibration_styles)
         self._fast, self._slow_since_s = False, None
@@ -130,9 +130,9 @@ class OmniCore(DeviceCore):
         self._begin(UNSEEN_REASON, now_s)
 
     def on_snapshot(self, snapshot: HapticState, now_s: float) -> None:
-        """The newest snapshot of the tick, at `now_s`. Never raises."""
+        """Process the newest snapshot of the tick at `now_s`. Never raises."""
         last = self.snapshot
-        if self._heard:  # Else it reaches back to before the device was opened.
+        if self._heard:  # Otherwise the gap began before the device was opened.
             self._longest_gap_s = max(self._longest_gap_s, snapshot.gap_s)
         self._longest_cost_s = max(self._longest_cost_s, snapshot.tick_cost_s)
         self.snapshot = snapshot._replace(
@@ -144,7 +144,7 @@ class OmniCore(DeviceCore):
         if not self._heard:
             self._first_tick = snapshot.ticks
         elif snapshot.gap_s > self._options.stale_after_s and snapshot.ticks != last.ticks:
-            # No reader looked meanwhile, or could have: it was a loss all the same.
+            # No reader saw the loss, but it counts as one.
             self._gap_seen_s = now_s
         self._heard = True
         self._cached = None
@@ -162,19 +162,19 @@ class OmniCore(DeviceCore):
             self._deflect()
 
     def take_update(self) -> bool:
-        """Whether the library is to be told to calibrate now; once for each time."""
+        """Return True, once for each time, if the library must calibrate now."""
         due, self._update_due = self._update_due, False
         return due
 
     def taken(self, now_s: float) -> HapticState:
-        """The newest snapshot as of `now_s`; the next one's longest gap and cost count from now."""
+        """Return the newest snapshot at `now_s`; longest gap and cost are reset."""
         snapshot = self.checked_snapshot(now_s)
         self.snapshot = self.snapshot._replace(gap_s=0.0, tick_cost_s=0.0)
         return snapshot
 
     def checked_snapshot(self, now_s: float) -> HapticState:
-        """The newest snapshot as of `now_s`: no force in it, and the reason in words, where it is
-        too old, or the device must not give force."""
+        """Return the newest snapshot at `now_s`; without force, and with the reason in words, if it
+        is too old or the device must not give force."""
         snapshot = self.snapshot
         reason = ""
         if not self._ticks(now_s):
@@ -188,22 +188,22 @@ class OmniCore(DeviceCore):
         return snapshot._replace(force=ZERO3, force_commanded=ZERO3, rendering=False, reason=reason)
 
     def _ticks(self, now_s: float) -> bool:
-        """Whether the newest snapshot is recent."""
+        """Return True if the newest snapshot is recent."""
         return now_s - self.snapshot.stamp_s <= FORCE_KNOWN_S
 
     def forget_tick(self) -> None:
-        """Forget the tick and its counters: it is gone."""
+        """Discard the tick and its counters after it was closed."""
         self.snapshot = HapticState(reason=self._reason)
         self._presses = (0, 0)
 
     # -- what it says --------------------------------------------------------------------------
 
     def open_for_s(self, now_s: float) -> float:
-        """Time since the device was opened."""
+        """Return the time since the device was opened."""
         return now_s - self._opened_s
 
     def force_obstacle(self, now_s: float) -> str:
-        """Why the device must not give force now; empty when it may."""
+        """Return why the device must not give force now; empty when it may."""
         if not self._open:
             return self._reason
         if not self._heard:
@@ -222,13 +222,13 @@ class OmniCore(DeviceCore):
         return "" if self._fast else "waiting until the rate of the force loop is known"
 
     def settling(self, now_s: float) -> bool:
-        """Whether the obstacle to force is expected to end by itself soon."""
+        """True if the obstacle to force is expected to end by itself soon."""
         if not self._open or self.calibration.state not in SETTLES:
             return False
         return not self.calibration.usable(now_s) or now_s - self._opened_s < SETTLING_S
 
     def measured(self, now_s: float) -> tuple[Pose | None, str]:
-        """The newest pose, or None and why there is no valid one; also while buttons or the inkwell
+        """Return the newest pose, or None and the reason; valid also while buttons or the inkwell
         keep the link from being LIVE."""
         if not self._open:
             return None, self._reason
@@ -272,7 +272,7 @@ class OmniCore(DeviceCore):
         }
 
     def _figures(self, now_s: float) -> dict[str, float]:
-        """The force loop's rate, gaps and cost, the force, its age, and the energy."""
+        """Describe the force loop's rate, gaps and cost, the force, its age, and the energy."""
         snapshot = self.checked_snapshot(now_s)
         return {
             "tick_age_s": now_s - self._stamp_s,
@@ -329,7 +329,7 @@ class OmniCore(DeviceCore):
     # -- inside --------------------------------------------------------------------------------
 
     def _watch(self, now_s: float) -> None:
-        """Update the link by the state at `now_s`."""
+        """Update the link's state at `now_s`."""
         if not self._open:
             return
         link, reason = self._verdict(now_s)
@@ -418,7 +418,7 @@ class OmniCore(DeviceCore):
 
 
 MOST_CLICKS = 50
-"""Most clicks of a button between two snapshots that are reported."""
+"""Most clicks of a button reported between two snapshots."""
 
 
 def _labels(down: list[bool]) -> list[str]:

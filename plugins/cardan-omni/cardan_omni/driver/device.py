@@ -1,4 +1,4 @@
-"""The Phantom Omni driver: a tick in the library's own loop, and a thread that watches over it."""
+"""Phantom Omni driver: a tick in the library's own loop, and a thread that monitors it."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ from cardan_omni.driver.values import TickDetails
 from cardan_omni.protocol import Capability, Info, State, to_hand
 
 WATCH_PERIOD_S = 0.01
-"""How often the thread looks at the tick, the calibration, and whether it is to stop."""
+"""Period at which the thread checks the tick, the calibration, and for its own end."""
 
 DEAD_AFTER_S = 0.5
-"""Time without a tick after which the device is given up, and opened again."""
+"""Time without a tick after which the device is closed and opened again."""
 
 EDGE_M = 0.01
-"""Distance from the device's own end at which the spring at the workspace's edge begins."""
+"""Distance from the end of the device's workspace at which the spring at the edge begins."""
 
 OMNI_WORKSPACE_M = (WORKSPACE_LOWER_M, WORKSPACE_UPPER_M)
 
@@ -60,7 +60,7 @@ USB_IDS = {
     ("0301", "2988"): "Touch (USB)",
     ("2988", "0304"): "Touch (USB, HID)",
 }
-"""Vendor and product ids of the haptic devices that say by USB what they are."""
+"""Vendor and product ids of the haptic devices that identify themselves by USB."""
 
 NO_PRIORITY = (
     "the force loop has no real-time priority, and ticks late on a busy machine: give the user the "
@@ -72,11 +72,11 @@ LIGHT_ON, LIGHT_OFF = 6, 2
 
 
 class Omni(ReadDevice[OmniCore], HapticDevice):
-    """A Phantom Omni, Geomagic Touch or 3D Systems Touch, by the vendor's library libHD.
+    """Phantom Omni, Geomagic Touch or 3D Systems Touch, by the vendor's library libHD.
 
-    The force is made by compiled code in the library's own loop; this class sends it
-    commands and reads its measurements. The device is opened again by itself after it was lost; its
-    force stays off then until enable().
+    The force is made by compiled code in the library's own loop; this class sends it commands and
+    reads its measurements. After a loss the device is reopened automatically; its force stays off
+    until enable().
     """
 
     Options: ClassVar[type[OmniOptions]] = OmniOptions
@@ -100,7 +100,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         super().__init__(options, **keywords)
         self._core = OmniCore(self.options)
         self._commands = threading.Lock()
-        """Guards commands to the tick: one source at a time."""
+        """Lock for commands to the tick: one source at a time."""
         self._hd: LibHD | None = None
         self._handle: int | None = None
         self._scheduled: int | None = None
@@ -108,18 +108,19 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         self._servo: Servo | None = None
         self._has_light = False
         self._force_allowed = False
-        """The motors are on."""
+        """True while the motors are on."""
         self._inhibited_s = math.inf
-        """Since when the tick has known that they will be off."""
+        """Time when the tick was told that the motors will be off."""
         self._ticks_seen = 0
         self._sequence = 0
         self._disabled = 0
-        """How often disable() was called."""
+        """Number of calls of disable()."""
         self._at_exit = functools.partial(_close_at_exit, weakref.ref(self))
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """Devices that say by USB what they are, and the library; nothing is opened or loaded."""
+        """Return the devices that identify themselves by USB, and the library; opens and loads
+        nothing."""
         path, missing = library.presence()
         found = [
             FoundDevice(
@@ -135,7 +136,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """A pose, deflections of it, two buttons; it takes forces, and its light where it can."""
+        """Describe the capabilities: a pose, deflections, two buttons, forces, and the status light
+        if it can be set."""
         return DeviceCapabilities(
             gives_pose=True,
             buttons=BUTTONS,
@@ -146,16 +148,16 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     @property
     def identity(self) -> Identity:
-        """Identity that the device reported when it was opened last."""
+        """Identity that the device reported when it was last opened."""
         return self._core.identity
 
     # -- open and close ------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the device, start its loop and watch it; the force is disabled.
+        """Open the device, start its loop and monitor it; the force is disabled.
 
         Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set;
-        NativeMissingError when Cardan's own compiled part is not there.
+        NativeMissingError if Cardan's compiled part is missing.
         """
         with self._opening:
             if self._opened:
@@ -191,13 +193,13 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     # -- what it measures ----------------------------------------------------------------------
 
     def state(self) -> DeviceState:
-        """The newest state, of the newest tick."""
+        """Return the newest state, from the newest tick."""
         with self._lock:
             return self._core.state(self._look())
 
     def haptics(self) -> HapticState:
-        """The newest snapshot of the tick; without a force, and with the reason, where
-        it is too old, or the device must not give force."""
+        """Return the newest snapshot of the tick; without force, and with the reason, if it is too
+        old or the device must not give force."""
         with self._lock:
             return self._core.taken(self._look())
 
@@ -212,10 +214,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             return tick.details()
 
     def measured_pose(self) -> Pose:
-        """The stylus's pose, whatever the buttons and the inkwell.
-
-        Raises DriverError while the device cannot tell.
-        """
+        """Return the stylus's pose, whatever the state of buttons and inkwell. Raises DriverError
+        if it is unknown."""
         with self._lock:
             pose, reason = self._core.measured(self._look())
         if pose is None:
@@ -237,16 +237,16 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     @property
     def feedback_limits(self) -> FeedbackLimits:
-        """By the options and the device's own nominal forces."""
+        """Return the force capability from the options and the device's nominal forces."""
         limits = self._limits()
         return FeedbackLimits(limits.clamp_n, limits.torque_limit_n_m, limits.energy_budget_j)
 
     def enable(self, wait_s: float = 0.0) -> None:
         """Enable the force; after a latched fault this tries again.
 
-        Raises CommandError at once while that is impossible. Right after the opening or the inkwell
-        that passes by itself ("not ready yet"): `wait_s` is the longest wait for that, s, unless
-        disable() is called meanwhile.
+        Raises CommandError at once while that is impossible. Right after opening, or after the
+        inkwell, the obstacle passes by itself ("not ready yet"): `wait_s` is the longest wait for
+        that, s; disable() ends the wait.
         """
         deadline_s, disabled = time.monotonic() + wait_s, self._disabled
         while True:
@@ -267,24 +267,24 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             time.sleep(WATCH_PERIOD_S)
 
     def disable(self) -> None:
-        """No force, by ramp, until enable()."""
+        """Ramp the force to zero, until enable()."""
         with self._commands:
             self._disabled += 1
             self._opened_tick().disable()
 
     def pause(self) -> None:
-        """No force, by ramp, until resume()."""
+        """Ramp the force to zero, until resume()."""
         with self._commands:
             self._opened_tick().pause()
 
     def resume(self) -> None:
-        """Go on after pause()."""
+        """Resume after pause()."""
         with self._commands:
             self._opened_tick().resume()
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        """Render a wrench's force until the next one, or until it times out; its torque cannot be.
-        Without effect while the device is not there."""
+        """Render a wrench's force until the next one or until it times out; its torque is ignored.
+        Has no effect while the device is missing."""
         if feedback.led is not None:
             self._light(LIGHT_ON if feedback.led else LIGHT_OFF)
         if feedback.wrench is None:
@@ -318,7 +318,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def _forget_tick(self) -> None:
         with self._commands, self._lock:
             if self._tick is None or self._servo is not None or self._ending is not None:
-                return  # Nothing, or the library may still step it.
+                return  # Frees nothing while the library may still step it.
             self._tick.close()
             self._tick = None
             self._core.forget_tick()
@@ -359,7 +359,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             stop.wait(WATCH_PERIOD_S)
 
     def _watch(self) -> None:
-        """Look after the device once. Raises DeviceAccessError when it is gone."""
+        """Check the device once. Raises DeviceAccessError if it is gone."""
         hd, handle, scheduled, tick = self._hd, self._handle, self._scheduled, self._tick
         if hd is None or handle is None or scheduled is None or tick is None:
             raise DeviceAccessError("the device was let go")
@@ -370,7 +370,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             self._core.errors, self._core.bad_readings = details.errors, details.bad_readings
         if not hd.scheduled(scheduled):
             with self._lock:
-                self._look()  # Its last errors may have come since.
+                self._look()  # Errors may have been added since.
             details = tick.details()
             if details.error:
                 raise DeviceAccessError(error_words(details.error, details.internal_error))
@@ -398,7 +398,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def _switch(
         self, hd: LibHD, handle: int, tick: Tick, snapshot: HapticState, allowed: bool
     ) -> None:
-        """The motors on or off, while the tick sends no force only."""
+        """Switch the motors on or off, only while the tick sends no force."""
         if allowed:
             if not self._force_allowed:
                 hd.enable(handle, Capability.FORCE_OUTPUT, True)
@@ -407,7 +407,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         elif self._force_allowed:
             tick.allow(False)
             self._inhibited_s = min(self._inhibited_s, time.monotonic())
-            # A tick of after that has seen it; the one under way then may not have.
+            # A later tick has seen it; the tick in progress at that time may not have.
             if (
                 snapshot.stamp_s > self._inhibited_s + WATCH_PERIOD_S / 2
                 and snapshot.force == ZERO3
@@ -417,7 +417,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     def _lose(self, reason: str) -> None:
         if self._scheduled is not None:
-            # In all cases: a device that comes back has no force until it is enabled.
+            # In all cases: a device that is reopened has no force until it is enabled.
             with contextlib.suppress(DriverError), self._commands:
                 self._opened_tick().lose()
         super()._lose(reason)
@@ -445,7 +445,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             hd.disable_device(handle)
 
     def _look(self) -> float:
-        """Take the newest snapshot, with `_lock` held. Returns the time after it."""
+        """Read the newest snapshot, with `_lock` held; return the time after it."""
         if self._tick is None:
             return time.monotonic()
         snapshot = self._tick.snapshot()
@@ -454,7 +454,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         return now_s
 
     def _limits(self, identity: Identity | None = None) -> TickLimits:
-        """The tick's limits, none above the device's own."""
+        """Return the tick's limits, none above the device's own."""
         identity = self._core.identity if identity is None else identity
         limits = self.options.limits()
         lower, upper = identity.reach_lower_m, identity.reach_upper_m
@@ -516,12 +516,12 @@ def _identity(hd: LibHD, handle: int) -> Identity:
         output_dof=hd.integer(handle, Info.OUTPUT_DOF),
         calibration_styles=hd.integer(handle, Info.CALIBRATION_STYLE),
     )
-    hd.errors()  # Of what this device does not have.
+    hd.errors()  # Errors about features that this device does not have.
     return found
 
 
 def _box(mm: tuple[float, ...]) -> tuple[Vector3, Vector3]:
-    """Lowest and highest corner along the hand's axes, m, of a box along HDAPI's, mm."""
+    """Return the lowest and highest corner along the hand's axes, m, of a box along HDAPI's, mm."""
     a, b = to_hand(mm[:3]), to_hand(mm[3:])
     lower, upper = (
         Vector3(*(1e-3 * pick(pair) for pair in zip(a, b, strict=True))) for pick in (min, max)
@@ -530,7 +530,7 @@ def _box(mm: tuple[float, ...]) -> tuple[Vector3, Vector3]:
 
 
 def _light_works(hd: LibHD, handle: int) -> bool:
-    """Whether the status light can be set; asked before anything else takes the errors."""
+    """Return True if the status light can be set; call it before other code reads the errors."""
     hd.errors()
     hd.enable(handle, State.USER_STATUS_LIGHT, True)
     hd.set_integer(handle, State.USER_STATUS_LIGHT, LIGHT_OFF)
@@ -538,7 +538,7 @@ def _light_works(hd: LibHD, handle: int) -> bool:
 
 
 def _usb_obstacle(device: Path) -> str:
-    """Why the nodes of a USB device cannot be opened by this user; empty if they can."""
+    """Return why this user cannot open the nodes of a USB device; empty if that works."""
     for kind, folder in (("tty", "tty*"), ("hidraw", "hidraw*")):
         for node in sorted(device.glob(f"*/**/{kind}/{folder}")):
             path = Path("/dev") / node.name

@@ -1,7 +1,7 @@
-"""Finds and loads libHD, the closed OpenHaptics library, and gives its functions their types.
+"""Finds and loads libHD, the closed-source OpenHaptics library, and declares its functions' types.
 
-It is loaded at run time and never shipped. Once loaded it stays until the process ends: loading it
-a second time is known to break it.
+It is loaded at run time and never shipped. Once loaded it stays until the process ends: it is known
+not to survive being loaded twice.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan_omni.protocol import INVALID_HANDLE, MAX_SCHEDULER_PRIORITY, Error, WaitCode
 
 ENVIRONMENT = "CARDAN_LIBHD"
-"""Names the library where the option `library` does not."""
+"""Environment variable with the library's path, if the option `library` is empty."""
 
 NAMES = ("libHD.so.3.4", "libHD.so.3.0", "libHD.so")
-"""Names tried with the system's loader, in this order, where no option gives one."""
+"""Names tried with the system's loader, in this order, if no option names the library."""
 
 RATE_HZ = 1000
-"""Rate that the loop is set to."""
+"""Rate requested for the loop, Hz."""
 
 PT_LOAD = 1
-"""Kind of a segment of an ELF file that is mapped into memory."""
+"""Type of an ELF segment that is mapped into memory (PT_LOAD)."""
 
 MOST_ERRORS = 64
 """Most errors taken from the library's stack at once."""
 
 
 class ErrorInfo(ctypes.Structure):
-    """HDErrorInfo, which hdGetError gives back by value."""
+    """HDErrorInfo, which hdGetError returns by value."""
 
     _fields_ = (
         ("errorCode", c_uint),
@@ -103,7 +103,7 @@ SOMETIMES: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "hdUpdateCalibrationMessage": (None, (c_uint,)),
     "hdScaleGimbalAngles": (None, (c_double, c_double, c_double, _DOUBLES)),
 }
-"""The same of functions that not every one has."""
+"""Result and arguments of functions that only some libHD 3 have."""
 
 _LICENSE = (
     "OpenHaptics has no valid license here: install the developer or academic edition's, and set "
@@ -141,11 +141,11 @@ _WORDS: Mapping[int, str] = {
 
 
 class HdError(NamedTuple):
-    """An error of the library's stack."""
+    """Error of the library's stack."""
 
     code: int
     internal: int
-    """The library's own number; few are known."""
+    """Internal code of the library; few are documented."""
     device: int
 
     @property
@@ -155,7 +155,7 @@ class HdError(NamedTuple):
 
 
 def error_words(code: int, internal: int = 0) -> str:
-    """Return the meaning of an error of the library, with its numbers."""
+    """Return the meaning of a library's error, with its codes."""
     text = _WORDS.get(code, "an error that HDAPI 3 does not name")
     number = f"0x{code:04x}" + (f", internal {internal}" if internal else "")
     if code == Error.COMM_ERROR and internal == -28:
@@ -167,19 +167,20 @@ def error_words(code: int, internal: int = 0) -> str:
 
 
 class LibHD:
-    """A loaded libHD. Its methods take the current device's lock where HDAPI has a current device.
+    """Loaded libHD. Its methods hold the lock of the current device where HDAPI uses one.
 
     Many devices share the one scheduler: it runs while any of them is scheduled.
     """
 
     def __init__(self, library: ctypes.CDLL, path: str) -> None:
-        """Raises DeviceAccessError when `library` lacks a function of HDAPI."""
+        """Declare the functions. Raises DeviceAccessError when `library` lacks a function of
+        HDAPI."""
         self.path = path
         self.functions: dict[str, int] = {}
         """Addresses by name, for compiled callers."""
         self._library = library
         self._lock = threading.RLock()
-        """Guards the current device, and starting and stopping."""
+        """Lock for the current device, and for starting and stopping."""
         self._open: set[int] = set()
         self._serving: set[int] = set()
         missing = [name for name in SIGNATURES if not hasattr(library, name)]
@@ -193,7 +194,7 @@ class LibHD:
             self.functions[name] = ctypes.cast(function, pointer).value or 0
 
     def is_at(self, path: str) -> bool:
-        """Whether `path` names this very library."""
+        """True if `path` names this loaded library."""
         try:
             same = ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_LAZY)
         except OSError:
@@ -203,12 +204,12 @@ class LibHD:
     # -- devices -------------------------------------------------------------------------------
 
     def init_device(self, name: str) -> int:
-        """Open the device of that configuration name ("": the first). Returns its handle.
+        """Open the device with that configuration name ("": the first). Returns its handle.
 
         Raises DeviceNotFoundError or DeviceAccessError.
         """
         with self._lock:
-            # A device may not join a running loop: the others pause for a moment.
+            # A device cannot join a running loop: the others pause briefly.
             running = bool(self._serving)
             if running:
                 self._library.hdStopScheduler()
@@ -228,7 +229,7 @@ class LibHD:
         raise _init_failure(name, serious)
 
     def disable_device(self, handle: int) -> None:
-        """Disable a device, which ends its use."""
+        """Close a device."""
         with self._lock:
             if handle in self._open:
                 self._open.discard(handle)
@@ -237,27 +238,27 @@ class LibHD:
 
     @contextlib.contextmanager
     def current(self, handle: int) -> Iterator[ctypes.CDLL]:
-        """The library with that device as its current one."""
+        """Make that device the library's current one within the block."""
         with self._lock:
             if len(self._open) > 1:
                 self._library.hdMakeCurrentDevice(handle)
             yield self._library
 
     def string(self, handle: int, what: int) -> str:
-        """A text of the device; empty where it has none."""
+        """Return a string parameter of the device; empty if it has none."""
         with self.current(handle) as library:
             return (library.hdGetString(what) or b"").decode("utf-8", "replace").strip()
 
     def integer(self, handle: int, what: int) -> int:
-        """A whole number of the device; 0 where it has none."""
+        """Return an integer parameter of the device; 0 if it has none."""
         value = c_int(0)
         with self.current(handle) as library:
             library.hdGetIntegerv(what, ctypes.byref(value))
         return value.value
 
     def doubles(self, handle: int, what: int, count: int) -> tuple[float, ...]:
-        """Numbers of the device; zeros where it has none."""
-        # Room for more than any of HDAPI's: a device with more axes gives more numbers.
+        """Return numeric parameters of the device; zeros if it has none."""
+        # Larger than any of HDAPI's arrays: a device with more axes writes more numbers.
         values = (c_double * max(16, count))()
         with self.current(handle) as library:
             library.hdGetDoublev(what, values)
@@ -283,11 +284,11 @@ class LibHD:
     def schedule(self, callback: int, user: int, handle: int) -> int:
         """Schedule the function at `callback` in every tick, before all others; start the loop.
 
-        Returns the scheduler's handle. Raises DeviceAccessError when the loop does not take it.
+        Returns the scheduler's handle. Raises DeviceAccessError if the loop refuses it.
         """
         with self._lock:
             if not self._serving:
-                self._library.hdSetSchedulerRate(RATE_HZ)  # Not every device has the choice.
+                self._library.hdSetSchedulerRate(RATE_HZ)  # Not every device has a choice of rates.
             self.errors()
             scheduled = int(
                 self._library.hdScheduleAsynchronous(callback, user, MAX_SCHEDULER_PRIORITY)
@@ -304,11 +305,12 @@ class LibHD:
             return scheduled
 
     def scheduled(self, scheduled: int) -> bool:
-        """Whether the callback is still called."""
+        """Return True if the callback is still called."""
         return bool(self._library.hdWaitForCompletion(scheduled, WaitCode.CHECK_STATUS))
 
     def unschedule(self, scheduled: int, handle: int) -> None:
-        """End the calls, with the loop stopped meanwhile: on return none is under way."""
+        """Unschedule the callback, with the loop stopped meanwhile: on return no call is in
+        progress."""
         with self._lock:
             self._library.hdStopScheduler()
             self._library.hdUnschedule(scheduled)
@@ -318,7 +320,7 @@ class LibHD:
             self.errors()
 
     def errors(self) -> list[HdError]:
-        """Take everything from the library's stack of errors, newest first."""
+        """Pop everything from the library's stack of errors, newest first."""
         found = []
         for _ in range(MOST_ERRORS):
             error = self._library.hdGetError()
@@ -342,7 +344,7 @@ def _init_failure(name: str, errors: list[HdError]) -> DriverError:
 
 
 def numbers_hint() -> str:
-    """Return the fault of the process's locale for numbers, which the library reads its files by;
+    """Return the fault of the process's numeric locale, by which the library parses its files;
     empty: none."""
     point = locale.localeconv()["decimal_point"]
     if point == ".":
@@ -369,11 +371,11 @@ _DEPENDENCIES = (
 
 _loading = threading.Lock()
 _loaded: list[LibHD] = []
-"""The one library of this process, or none."""
+"""The library that this process has loaded, or None."""
 
 
 def load(library: str = "") -> LibHD:
-    """The library that the option `library`, $CARDAN_LIBHD or the system's loader names.
+    """Load the library that the option `library`, $CARDAN_LIBHD or the system's loader names.
 
     Raises DeviceNotFoundError when there is none, DeviceAccessError when it cannot be loaded.
     """
@@ -396,7 +398,8 @@ def load(library: str = "") -> LibHD:
 
 
 def presence(library: str = "") -> tuple[str, str]:
-    """Return libHD's place and the obstacle to loading it, without loading; "" for neither."""
+    """Return libHD's path and the reason why it cannot be loaded, without loading it; "" for
+    neither."""
     named = library or os.environ.get(ENVIRONMENT, "")
     if named and "/" in named:
         return (named, "") if Path(named).is_file() else (named, f"there is no file {named}")
@@ -420,8 +423,8 @@ def _load_named(named: str, by: str) -> tuple[str, ctypes.CDLL]:
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Whether a file ends before its segments do: the loader would map missing pages, and the
-    process would crash."""
+    """Return True if a file ends before its segments do: the loader would map missing pages, and
+    the process would crash."""
     with contextlib.suppress(OSError, struct.error), path.open("rb") as file:
         size, head = path.stat().st_size, file.read(64)
         if head[:4] != b"\x7fELF" or head[4:6] != b"\x02\x01":
@@ -455,7 +458,7 @@ def _is_missing(name: str, words: str) -> bool:
 
 
 def _load_failure(path: str, words: str) -> str:
-    """Why a library that is there cannot be loaded."""
+    """Return why a library that exists cannot be loaded."""
     if found := re.match(r"(?P<name>[^:\s]+): cannot open shared object file", words):
         missing = found["name"]
         for name, advice in _DEPENDENCIES:
@@ -476,7 +479,7 @@ def _load_failure(path: str, words: str) -> str:
 
 
 def _known_to_loader(name: str) -> bool:
-    """Whether the loader would find the name; looks into its cache and LD_LIBRARY_PATH only."""
+    """Return True if the loader would find the name; reads only its cache and LD_LIBRARY_PATH."""
     folders = [each for each in os.environ.get("LD_LIBRARY_PATH", "").split(":") if each]
     if any((Path(folder) / name).is_file() for folder in folders):
         return True

@@ -1,4 +1,4 @@
-"""Limits of the force feedback's tick, and the ranges that a real device allows for them.
+"""Limits of the force feedback's tick, and their ranges for a real device.
 
 checks.c has the same ranges. An annotation's second range is that of experiments (UncheckedLimits).
 """
@@ -61,80 +61,82 @@ _Meter = Annotated[float, bounds.DESK_M, ANYWHERE_M]
 
 @dataclass(frozen=True, kw_only=True)
 class TickLimits:
-    """Limits that the tick keeps, whatever it is commanded to render. Raises OptionError."""
+    """Limits that the tick enforces on every command. Raises OptionError."""
 
     clamp_n: Annotated[float, CLAMP_N, CLAMP_N_OF_EXPERIMENTS] = 2.0
     """Largest norm of the force, N, 3.3 at most; the direction is kept."""
     slew_rise_n_s: Annotated[float, SLEW_RISE_N_S] = 50.0
-    """How fast the force may change while it grows, N/s."""
+    """Fastest rise of the force, N/s."""
     slew_fall_n_s: Annotated[float, SLEW_FALL_N_S] = 400.0
-    """How fast while it shrinks, N/s; at least clamp_n / release_s."""
+    """Fastest fall of the force, N/s; at least clamp_n / release_s."""
     release_s: Annotated[float, RELEASE_S, RELEASE_S_OF_EXPERIMENTS] = 0.005
-    """Longest time to zero force once it is not allowed, s."""
+    """Longest time to zero force once force is not allowed, s."""
     engage_ramp_s: Annotated[float, ENGAGE_RAMP_S, NONE_OR_MORE] = 1.0
     """Duration of the ramp of force when it engages, s."""
     engage_below_n: Annotated[float, ENGAGE_BELOW_N] = 0.2
-    """Before that the commanded force must have been smaller than this, N, ..."""
+    """Force below which the commanded force must have been before it engages, N, ..."""
     engage_ticks: Annotated[int, ENGAGE_TICKS] = 4
     """... for this number of ticks in a row."""
     hold_s: Annotated[float, HOLD_S] = 0.020
-    """Time that a command is rendered, s; then the force is released."""
+    """Time for which a command is rendered, s; then the force is released."""
     pause_s: Annotated[float, PAUSE_S] = 0.2
     """Silence of the commands, s, after which the state is PAUSED; after that, or a longer stall
     of the loop, the force must be small first and rises by the whole ramp."""
     measured_hold_s: Annotated[float, MEASURED_HOLD_S] = 0.05
-    """Time that a measured force is rendered, s."""
+    """Time for which a measured force is rendered, s."""
     velocity_gate_m_s: Annotated[float, VELOCITY_GATE_M_S] = 1.0
-    """Speed above which a stylus under force counts as loose: FAULT."""
+    """Speed above which a stylus under force counts as released: FAULT."""
     damping_n_s_m: Annotated[float, DAMPING_N_S_M] = 0.5
-    """Damping in the tick, of the filtered velocity."""
+    """Damping added by the tick, on the filtered velocity."""
     velocity_cutoff_hz: Annotated[float, VELOCITY_CUTOFF_HZ] = 30.0
     """Cut-off of the velocity's low-pass filter."""
     continuous_n: Annotated[float, CONTINUOUS_N] = 0.88
     """The force's root mean square, exponentially weighted over continuous_window_s as a motor
-    warms, stays below this, N."""
+    warms, is limited to this, N."""
     continuous_window_s: Annotated[float, CONTINUOUS_WINDOW_S] = 10.0
-    """s."""
+    """Time constant of that mean square, s."""
     thermal_derating_s: Annotated[float, THERMAL_DERATING_S] = 1.0
     """Time constant with which the clamp then goes down to continuous_n, s."""
     temperature_limit: Annotated[float, TEMPERATURE_LIMIT] = 0.9
-    """No force at this motor temperature (0 cold, 1 hottest); less and less from 0.2 below it."""
+    """Motor temperature (0 cold, 1 hottest) at which force ends; it is reduced gradually from 0.2
+    below."""
     passivity: bool = True
-    """The passivity controller acts; its observer always does."""
+    """Enable the passivity controller; its observer always runs."""
     alpha_max_n_s_m: Annotated[float, ALPHA_MAX_N_S_M] = 4.0
-    """Most damping of the passivity controller."""
+    """Largest damping of the passivity controller."""
     energy_budget_j: Annotated[float, ENERGY_BUDGET_J] = 0.005
     """Net energy an engagement may give to the hand, J (tick.h has the exact bound)."""
     prediction_error_m: Annotated[float, PREDICTION_ERROR_M, NONE_OR_MORE] = 1e-4
-    """How far the stylus's next position may be from where its motion would carry it, m: 1e-4 at
-    1 kHz is 100 m/s²."""
+    """Largest distance of the next position from the one predicted by the stylus's motion, m: 1e-4
+    at 1 kHz is 100 m/s²."""
     leak_s: Annotated[float, LEAK_S] = 3.0
     """Time constant with which energy taken in is forgotten in free space, s."""
     workspace_lower_m: tuple[_Meter, _Meter, _Meter] = WORKSPACE_LOWER_M
-    """Hand frame, m. Where this and the next are left as they are, the device's own largest
-    workspace counts, less 10 mm."""
+    """First corner of the workspace, hand frame, m. If both corners are left at their defaults, the
+    device's own largest workspace counts, less 10 mm."""
     workspace_upper_m: tuple[_Meter, _Meter, _Meter] = WORKSPACE_UPPER_M
-    """The opposite corner. Outside a spring leads back, and fixtures fade over 20 mm."""
+    """Opposite corner. Outside, a spring pulls back, and fixtures fade over 20 mm."""
     edge_stiffness_n_m: Annotated[float, EDGE_STIFFNESS_N_M] = 200.0
-    """Of the spring that leads back from outside, N/m."""
+    """Stiffness of the spring that pulls back from outside, N/m."""
     extrapolate_s: Annotated[float, EXTRAPOLATE_S] = 0.008
-    """Time that a measured force is extrapolated by its rate and stiffness, s."""
+    """Time for which a measured force is extrapolated from its rate and stiffness, s."""
     overrun_gap_s: Annotated[float, OVERRUN_GAP_S] = 0.002
     """Gap between ticks, s, after which the next tick sends no force."""
     pause_gap_s: Annotated[float, PAUSE_GAP_S] = 0.020
     """Gap between ticks, s, after which the state is PAUSED."""
     oscillation_reversals: Annotated[int, OSCILLATION_REVERSALS] = 8
-    """Number of changes of the velocity's sign along one axis ..."""
+    """Number of sign changes of the velocity along one axis ..."""
     oscillation_window_s: Annotated[float, OSCILLATION_WINDOW_S] = 0.1
     """... within this time, s, ..."""
     oscillation_speed_m_s: Annotated[float, OSCILLATION_SPEED_M_S] = 0.02
-    """... each between speeds above this halve the force; the second time it is PAUSED."""
+    """... each between speeds above this, that halve the force; the second time it is PAUSED."""
     force_error_wait_s: Annotated[float, FORCE_ERROR_WAIT_S, NONE_OR_MORE] = 0.5
-    """Time without force after a force error of the library, s; three in 10 s are a FAULT."""
+    """Time without force after a force error of the library, s; three errors in 10 s are a
+    FAULT."""
     torque_limit_n_m: Annotated[float, TORQUE_LIMIT_N_M] = 0.35
-    """Largest torque of each joint, where the device is driven by joint torques, N·m."""
+    """Largest torque of each joint, if the device is driven by joint torques, N·m."""
     lowest_rate_hz: Annotated[float, LOWEST_RATE_HZ] = 900.0
-    """No force while the loop runs slower than this, Hz: a wall would oscillate."""
+    """Rate of the loop below which there is no force, Hz: a virtual wall would oscillate."""
 
     def __post_init__(self) -> None:
         self._check_ranges()
@@ -167,8 +169,8 @@ class TickLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class UncheckedLimits(TickLimits):
-    """Limits outside the ranges a device may be driven with: for experiments on a simulated one,
-    such as a plain loop. OptionError for values that make no sense at all."""
+    """Limits outside the ranges of a real device, for experiments on a simulated one. Raises
+    OptionError for impossible values."""
 
     def _check_ranges(self) -> None:
         for name, hint in hints(TickLimits).items():
@@ -176,7 +178,7 @@ class UncheckedLimits(TickLimits):
 
 
 def _of_experiments(hint: Any) -> Any:
-    """The annotation of a limit without the range of a device."""
+    """Return the annotation of a limit without the range of a device."""
     kind, *ranges = get_args(hint) or (hint,)
     if get_origin(hint) is tuple:
         return tuple[(_of_experiments(kind),) * 3]  # type: ignore[misc]

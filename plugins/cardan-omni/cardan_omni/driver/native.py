@@ -20,12 +20,12 @@ class NativeMissingError(DriverError):
 
 
 def library_path() -> Path:
-    """Path of the compiled tick, whether or not it exists."""
+    """Return the path of the compiled tick, whether or not it exists."""
     return Path(__file__).with_name("libcardan_omni.so")
 
 
 def available() -> bool:
-    """Whether the compiled tick is there and can be used."""
+    """Return True if the compiled tick exists and can be used."""
     try:
         tick_library()
     except NativeMissingError:
@@ -35,7 +35,7 @@ def available() -> bool:
 
 @functools.cache
 def tick_library() -> Any:
-    """The compiled tick, loaded once. Raises NativeMissingError, saying what to install."""
+    """Load the compiled tick once. Raises NativeMissingError, which names what to install."""
     try:
         loaded = load_library(
             library_path(), "the compiled tick", "tick_layout", expected_layout(), "cardan-omni"
@@ -72,7 +72,8 @@ def tick_library() -> Any:
 
 
 def kinematics(joints_rad: Vector3) -> tuple[Vector3, Matrix3]:
-    """Position (hand frame, m) and Jacobian (m/rad, row by row) of an Omni's three joints."""
+    """Return position (hand frame, m) and Jacobian (m/rad, row by row) of an Omni's three
+    joints."""
     position, jacobian = C_VECTOR3(), C_MATRIX3()
     tick_library().omni_kinematics(C_VECTOR3(*joints_rad), position, jacobian)
     x, y, z = position[:]

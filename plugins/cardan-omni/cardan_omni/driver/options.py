@@ -16,7 +16,7 @@ RANGE_M = bounds.Range(0.001, 1.0, "m", "a hand on a desk reaches no farther")
 RANGE_DEG = bounds.Range(1.0, 180.0, "deg", "half a turn to either side is all there is")
 
 _LIBRARY = bounds.Located("(?P<path>.*/.*)", is_read=False)
-"""A name without / is the system loader's to find."""
+"""Library name or path; the system loader looks for a name without /."""
 
 _Desk = Annotated[float, bounds.DESK_M]
 _Angle = Annotated[float, bounds.ANGLE_DEG]
@@ -51,34 +51,34 @@ class OmniOptions(ShapingOptions, TickLimits):
     status_light: bool = True
     """Feedback "led" sets the device's status light, where it has one that can be set."""
     calibration_wait_s: Annotated[float, CALIBRATION_WAIT_S] = 0.0
-    """Longest wait of open() for the calibration, s; it succeeds either way."""
+    """Longest wait of open() for the calibration, s; it succeeds in either case."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.02
-    """Time without a tick after which the pose does not count any more, s."""
+    """Time without a tick after which the pose is invalid, s."""
     center_m: tuple[_Desk, _Desk, _Desk] = (0.0, 0.0, 0.0)
-    """Rate mode: where the axes are zero, hand frame, m."""
+    """Rate mode: position at which the axes are zero, hand frame, m."""
     range_m: Annotated[float, RANGE_M] = 0.06
-    """Rate mode: the displacement from there that is a full deflection, m."""
+    """Rate mode: displacement from there that is a full deflection, m."""
     center_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
-    """Rate mode: the orientation in which the axes of rotation are zero: Rz(yaw)·Ry(pitch)·Rx(roll)
-    of the hand frame."""
+    """Rate mode: orientation at which the axes of rotation are zero: Rz(yaw)·Ry(pitch)·Rx(roll) of
+    the hand frame."""
     range_deg: Annotated[float, RANGE_DEG] = 35.0
-    """Rate mode: the turn from there that is a full deflection."""
+    """Rate mode: rotation from there that is a full deflection."""
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.15
-    """Rate mode: share of the full deflection that counts as rest."""
+    """Rate mode: dead band, as a share of the full deflection."""
     dead_zone_shape: Literal["axis", "radial"] = "radial"
     """axis: each axis by itself; radial: the lengths of translation and rotation."""
     rotation: bool = False
-    """Rate mode: the stylus's orientation deflects the axes of rotation, too."""
+    """Rate mode: the stylus's orientation also deflects the axes of rotation."""
     realtime: bool = True
-    """Ask for real-time priority for the force loop; if refused, the loop runs without it."""
+    """Request real-time priority for the force loop; if refused, the loop runs without it."""
     wait_for_device: bool = False
-    """open() succeeds without a device or its library, which are picked up once they are there."""
+    """open() succeeds without a device or its library, which are used once they appear."""
 
     def __post_init__(self) -> None:
         TickLimits.__post_init__(self)
 
     def limits(self) -> TickLimits:
-        """The limits of the tick."""
+        """Limits of the tick."""
         return TickLimits(
             **{field.name: getattr(self, field.name) for field in dataclasses.fields(TickLimits)}
         )

@@ -1,4 +1,4 @@
-"""The callback for libHD's scheduler, which steps a tick in the library's own thread."""
+"""Callback for libHD's scheduler, which steps a tick in the library's own thread."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class _ServoFunctions(ctypes.Structure):
 
 
 class Servo:
-    """The callback for libHD's scheduler, which steps a tick in the library's own thread.
+    """Callback for libHD's scheduler, which steps a tick in the library's own thread.
 
     `functions` are the addresses of libHD's functions by name (FUNCTIONS), `handle` the device's.
-    `joint_torque`: drive it by joint torques. `clock`: address of a ``double now(void)`` in s; 0
-    is the monotonic clock. `realtime`: the first tick asks for SCHED_FIFO for its thread.
+    `joint_torque`: drive it by joint torques. `clock`: address of a ``double now(void)`` in s; 0 is
+    the monotonic clock. `realtime`: the first tick requests SCHED_FIFO for its thread.
     """
 
     def __init__(
@@ -64,12 +64,12 @@ class Servo:
         _scheduled.add(self)
 
     def stop(self) -> None:
-        """Have the next tick send no force and end the loop."""
+        """Make the next tick send no force and end the loop."""
         if self._pointer:
             self._library.servo_stop(self._pointer)
 
     def close(self) -> None:
-        """Free it. The callback must not be scheduled any more."""
+        """Free the servo. The callback must not be scheduled any more."""
         pointer, self._pointer = self._pointer, None
         if pointer:
             self._library.servo_destroy(pointer)
@@ -77,4 +77,4 @@ class Servo:
 
 
 _scheduled: set[Servo] = set()
-"""Servos that are not closed: libHD may call them, and they their ticks, so they are kept alive."""
+"""Servos that are not closed, kept alive with their ticks because libHD may call them."""

@@ -1,4 +1,4 @@
-"""The structures of tick.h, as ctypes declares them and as flat numbers."""
+"""Structures of tick.h as ctypes and as flat numbers."""
 
 from __future__ import annotations
 
@@ -158,11 +158,12 @@ CSnapshot = _structure(
 
 
 class Flat:
-    """A structure as flat numbers: packing these is many times faster than setting fields."""
+    """Layout of a structure as flat numbers: packing these is many times faster than setting
+    fields."""
 
     def __init__(self, structure: Any, without: str = "") -> None:
         self.places: dict[str, int | slice] = {}
-        """Where each field's numbers are among all."""
+        """Position of each field's numbers among all."""
         codes, at = "", 0
         for name, kind, *_ in structure._fields_:
             if name == without:
@@ -178,8 +179,8 @@ class Reader(Generic[T]):
     """Reader of a structure's bytes into a NamedTuple.
 
     A field comes from the structure's field of the same name, in the type of its annotation
-    (vectors, flags). `made` names the exceptions: a function, and the structure's fields it takes.
-    `beside` are fields whose values are given at each call.
+    (vectors, flags). `made` has the exceptions: a function, and the fields of the structure that
+    are its arguments. `beside` are fields whose values are given at each call.
     """
 
     def __init__(
@@ -217,12 +218,12 @@ class Reader(Generic[T]):
 
 
 def expected_layout() -> list[int]:
-    """Sizes and field offsets as `tick_layout` of the compiled library must give them."""
+    """Return sizes and field offsets, which must equal `tick_layout` of the compiled library."""
     return layout_of(CLimits, CFixture, CCommand, CSample, COutput, CSnapshot)
 
 
 def c_limits(limits: TickLimits) -> Any:
-    """`limits` as a TickLimits structure."""
+    """Return `limits` as a TickLimits structure."""
     given = CLimits(unchecked=isinstance(limits, UncheckedLimits))
     for name, kind in _C_LIMITS:
         value = getattr(limits, name)

@@ -1,4 +1,4 @@
-"""The compiled law of the force feedback: tick.h describes it and its guarantees.
+"""Compiled control law of the force feedback; tick.h describes it and its guarantees.
 
 Calls here never wait for a step in progress, and the step never waits for them.
 """
@@ -40,11 +40,10 @@ _NO_MATRIX: Matrix3 = (0.0,) * 9
 
 
 class Tick:
-    """The law of the force feedback, compiled.
+    """Control law of the force feedback, compiled.
 
     A single thread steps it: libHD's through a :class:`Servo`, or the caller's through step(). The
-    other methods may be called from any thread. Raises NativeMissingError where it was not
-    compiled.
+    other methods may be called from any thread. Raises NativeMissingError if it was not compiled.
     """
 
     def __init__(self, limits: TickLimits | None = None) -> None:
@@ -54,7 +53,7 @@ class Tick:
         self._snapshot = bytearray(ctypes.sizeof(CSnapshot))
         self._sample = bytearray(ctypes.sizeof(CSample))
         self._output = COutput()
-        # The buffers' addresses: they live as long as this does.
+        # Addresses of the buffers, which live as long as this object.
         self._command_at = _address(self._command)
         self._snapshot_at = _address(self._snapshot)
         self._sample_at = _address(self._sample)
@@ -66,21 +65,20 @@ class Tick:
         if not self._pointer:
             raise DriverError(f"the tick does not take {limits}")
         self.limits = limits
-        """The limits in force."""
+        """Limits in force."""
 
     def set_limits(self, limits: TickLimits) -> None:
-        """Use `limits` from the next step on."""
+        """Apply `limits` from the next step on."""
         with self._writing:
             if self._library.tick_set_limits(self.pointer(), ctypes.byref(c_limits(limits))):
                 raise DriverError(f"the tick does not take {limits}")
             self.limits = limits
 
     def command(self, command: HapticCommand, now_s: float | None = None) -> bool:
-        """Render `command` from the next step on; False: it was dropped as stale.
-
-        `now_s`: the time, where the caller knows it; else the newest step's counts. Raises
-        CommandError for values that are not finite, no rotation, negative where that makes no
-        sense, too large, or stamped in the future; the command before it then stays.
+        """Render `command` from the next step on; return False if it is stale and was dropped.
+        `now_s`: the present time if the caller knows it; otherwise the newest step's time counts.
+        Raises CommandError for values that are not finite, not a rotation, negative where that is
+        impossible, too large, or stamped in the future; the previous command then stays in force.
         """
         if len(command.fixtures) > MAX_FIXTURES:
             raise CommandError(f"a haptic command cannot be taken: {_WRONG[4]}")
@@ -103,7 +101,7 @@ class Tick:
         return result == _TAKEN
 
     def step(self, sample: StylusSample) -> Vector3:
-        """Step the law, in the caller's time; return the force to send, N, hand frame."""
+        """Step the control law at the caller's time; return the force to send, N, hand frame."""
         if sample.joints_rad != self._jacobian_of:
             self._jacobian_of = sample.joints_rad
             self._jacobian = kinematics(sample.joints_rad)[1]
@@ -113,7 +111,7 @@ class Tick:
         return Vector3(x, y, z)
 
     def snapshot(self) -> HapticState:
-        """The newest snapshot, whole. Its maxima are since the one read before."""
+        """Return the newest snapshot. Its maxima are since the previous call."""
         with self._reading:
             tick = self.pointer()
             self._library.tick_snapshot(tick, self._snapshot_at)
@@ -121,29 +119,29 @@ class Tick:
             return haptic_state(self._snapshot, dropped)
 
     def details(self) -> TickDetails:
-        """The rest of what snapshot() read last."""
+        """Return the remaining values of the snapshot that snapshot() read last."""
         with self._reading:
             return tick_details(self._snapshot)
 
     @property
     def state(self) -> OperatingState:
-        """The operating state now."""
+        """Return the present operating state."""
         return STATES[self._library.tick_state(self.pointer()) & 0xFF]
 
     def enable(self) -> None:
-        """Let force out, after a fault too. Raises CommandError when paused."""
+        """Enable force, after a fault too. Raises CommandError when paused."""
         self._request(_ENABLE, "enable")
 
     def disable(self) -> None:
-        """No force until enable()."""
+        """Disable force until enable()."""
         self._request(_DISABLE, "disable")
 
     def pause(self) -> None:
-        """No force until resume(). Raises CommandError unless enabled or paused."""
+        """Pause force until resume(). Raises CommandError unless enabled or paused."""
         self._request(_PAUSE, "pause")
 
     def resume(self) -> None:
-        """Go on after a pause. Raises CommandError unless paused."""
+        """Resume after a pause. Raises CommandError unless paused."""
         self._request(_RESUME, "resume")
 
     def lose(self) -> None:
@@ -151,8 +149,9 @@ class Tick:
         self._library.tick_lose(self.pointer())
 
     def allow(self, allowed: bool) -> None:
-        """Set whether the motors are on; they are at first. While they are off the tick sends no
-        force, and the force after that engages anew: motors are switched at zero force only."""
+        """Set whether the motors are on; initially they are. While they are off the tick sends no
+        force, and afterwards the force engages by its ramp: motors are switched at zero force only.
+        """
         self._library.tick_allow(self.pointer(), allowed)
 
     def _request(self, verb: int, name: str) -> None:
@@ -160,14 +159,15 @@ class Tick:
             raise CommandError(f"{name} is not possible in state {self.state.value}")
 
     def close(self) -> None:
-        """Free it. Nothing may step it any more: its Servo must be closed before."""
+        """Free the tick. Nothing may step it any more: its Servo must be closed before."""
         with self._writing, self._reading:
             pointer, self._pointer = self._pointer, None
         if pointer:
             self._library.tick_destroy(pointer)
 
     def pointer(self) -> int:
-        """Address of the C structure, for the functions of tick.h. DriverError after close()."""
+        """Return the address of the C structure, for the functions of tick.h. Raises DriverError
+        after close()."""
         pointer: int | None = self._pointer
         if not pointer:
             raise DriverError("the tick was closed")

@@ -33,43 +33,43 @@ class StylusSample(NamedTuple):
     position: Vector3 = ZERO3
     """Position of the gimbal's center."""
     velocity: Vector3 = ZERO3
-    """By the library: only the velocity gate uses it."""
+    """Velocity by the library; only the velocity gate uses it."""
     rotation: Matrix3 = IDENTITY3
     joints_rad: Vector3 = ZERO3
-    """Turret, thigh, shin: what joint torques are made with."""
+    """Angles of turret, thigh and shin, from which joint torques are computed."""
     gimbal_rad: Vector3 = ZERO3
     temperature: float = 0.0
     buttons: int = 0
-    """Levels, bit 0 is button 1."""
+    """Button levels; bit 0 is button 1."""
     inkwell: bool = False
     calibrated: bool = True
     encoders: tuple[int, int, int, int, int, int] = (0, 0, 0, 0, 0, 0)
     joint_torque: bool = False
-    """The device is driven by joint torques, so their limit counts."""
+    """True if the device is driven by joint torques: their limit counts."""
     unsound: bool = False
-    """Readings failed: nothing else in it counts but the time."""
+    """True if reading failed: only the time is valid."""
 
 
 class TickDetails(NamedTuple):
-    """Values of a snapshot beside HapticState, for a diagnosis."""
+    """Values of a snapshot beyond HapticState, for a diagnosis."""
 
     encoders: tuple[int, int, int, int, int, int]
-    """Counts as the library has them: three of the joints, three of the gimbal."""
+    """Encoder counts of the library: three of the joints, three of the gimbal."""
     torques_n_m: Vector3
-    """The force as torques of the joints."""
+    """Force as torques of the joints."""
     oscillations: int
     errors: int
-    """Errors of the library that the tick has seen."""
+    """Number of errors of the library that the tick has seen."""
     force_errors: int
     error: int
-    """The newest of them: a code of HDAPI, 0 before the first."""
+    """Newest of these errors, a code of HDAPI; 0 before the first."""
     internal_error: int
     realtime: bool | None
-    """Whether the library's thread has real-time scheduling; None: not asked for."""
+    """True if the library's thread has real-time scheduling; None: not requested."""
     finished: bool
-    """The servo has asked for no more ticks."""
+    """True if the servo has requested no more ticks."""
     bad_readings: int
-    """Ticks whose sample was unsound."""
+    """Number of ticks with an implausible sample."""
 
 
 STATES = (
@@ -78,7 +78,7 @@ STATES = (
     OperatingState.PAUSED,
     OperatingState.FAULT,
 )
-"""By the number that the tick gives them."""
+"""Operating states by the tick's numbers."""
 _TICK_NEVER = -1e300
 _CALIBRATIONS = {
     0x5000: Calibration.OK,
@@ -114,7 +114,7 @@ _REASONS = (
     "limited to stay passive",
     "limited to spare the motors",
     "limited to the largest force",
-    "",  # slewing: on its way there
+    "",  # slewing: on its way to zero
 )
 _NO_VECTOR = (0.0,) * 3
 _COMMAND = Flat(CCommand, without="fixtures").struct
@@ -123,7 +123,7 @@ _SAMPLE = Flat(CSample).struct
 
 
 def _flat(fixture: Fixture) -> tuple[Any, ...]:
-    """The numbers of a TickFixture, in order."""
+    """Return the numbers of a TickFixture, in order."""
     if isinstance(fixture, Sphere):
         return (0, fixture.inside, *fixture.center, *_NO_VECTOR, *IDENTITY3, *fixture[1:5])
     if isinstance(fixture, Plane):
@@ -148,10 +148,8 @@ def _flat(fixture: Fixture) -> tuple[Any, ...]:
 
 
 def pack_command(buffer: bytearray, command: HapticCommand) -> None:
-    """Write `command` as a TickCommand, with its fixtures.
-
-    Raises struct.error, TypeError or OverflowError for values that are no such numbers.
-    """
+    """Write `command` as a TickCommand, with its fixtures. Raises struct.error, TypeError or
+    OverflowError for invalid numbers."""
     measured, torques, world = command.measured, command.joint_torques_n_m, command.world
     _COMMAND.pack_into(
         buffer,
@@ -205,7 +203,8 @@ def pack_sample(buffer: bytearray, sample: StylusSample, jacobian: Matrix3) -> N
 
 
 def quaternion_of(r: Matrix3) -> Quaternion:
-    """From a rotation matrix; divides by the largest component, so no precision is lost."""
+    """Return the quaternion of a rotation matrix; divides by the largest component to lose no
+    precision."""
     w, x, y, z = (
         1.0 + r[0] + r[4] + r[8],
         1.0 + r[0] - r[4] - r[8],
@@ -251,11 +250,11 @@ haptic_state = Reader(
     },
     beside=("dropped_commands",),
 )
-"""Reader of a TickSnapshot for users; dropped commands are counted apart from it."""
+"""Reader of a TickSnapshot for users; dropped commands are counted elsewhere."""
 
 tick_details = Reader(
     CSnapshot,
     TickDetails,
     {"realtime": (lambda word: None if word < 0 else bool(word), ("realtime",))},
 )
-"""The rest of a TickSnapshot."""
+"""Reader of the remaining values of a TickSnapshot."""

@@ -1,6 +1,5 @@
-"""A simulated Phantom Omni behind libHD's own functions, its settings, and the hand that holds it.
-
-libHD.so is compiled from the C sources beside this file; any program that loads libHD can load it.
+"""Simulated Phantom Omni behind libHD's own functions, its settings, and the hand that holds it.
+libHD.so is compiled from the C sources beside this file; any program that loads libHD can use it.
 """
 
 from cardan_omni.peer.hand import (

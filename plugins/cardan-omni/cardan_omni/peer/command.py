@@ -1,4 +1,4 @@
-"""The simulated haptic device for ``cardan sim omni``: behind libHD, for a program that it runs."""
+"""Simulated haptic device of ``cardan sim omni``: behind libHD, for a program that it runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cardan_omni.peer.settings import FAULTS, OmniSettings
 
 @dataclass(frozen=True, kw_only=True)
 class OmniOptions(OmniSettings):
-    """The device, the motion of the hand, and the program that uses them."""
+    """Device, motion of the hand, and the program that uses them."""
 
     program: tuple[str, ...] = option(
         (),
@@ -26,7 +26,7 @@ class OmniOptions(OmniSettings):
     )
     library: bool = option(False, "Print where the simulated libHD.so is, then end.")
     script: str = "demo"
-    """A built-in script or a file; `motion` is made of it."""
+    """Built-in script or a file, from which `motion` is computed."""
 
 
 class Omni(PeerCommand[OmniOptions]):

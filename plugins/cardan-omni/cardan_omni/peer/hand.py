@@ -1,8 +1,6 @@
-"""Scripted hands: what an operator does with the simulated stylus, as waypoints for the library.
-
-The library plays waypoints by itself, with no Python near its ticks; so a script is worked out
-whole, before it starts.
-"""
+"""Scripted hands: an operator's motions of the simulated stylus, as waypoints for the library. The
+library plays waypoints without Python in its ticks, so a script is planned completely before it
+starts."""
 
 from __future__ import annotations
 
@@ -21,7 +19,7 @@ from cardan_omni.peer.settings import INKWELL_M, HandMotion, Waypoint
 from cardan_omni.protocol import rotation_to_device, to_device, to_hand
 
 SAMPLE_S = 0.01
-"""Waypoints are this far apart while the hand moves."""
+"""Spacing of waypoints while the hand moves."""
 SHORTEST_S = 0.02
 """Shortest motion: the hand is a spring, so a step would be a shock."""
 CLICK_S = 0.1
@@ -58,13 +56,12 @@ SCRIPT_VERBS: Mapping[str, str] = {
 """Usage of each verb of a script. Axes of the hand: X forward, Y left, Z up, from the device's
 origin, m; turns about the fixed axes x, y, z one after the other, degrees; N; N/m.
 
-``move``, ``turn``, ``push`` and ``stiffness`` go there without a jerk, at a gentle pace without
-``over``; ``draw`` goes through points beside each other with a stop at each, at the height where
-it is; ``circle`` goes round a center that lies X, Y from here, counterclockwise seen from above;
-``swing`` adds N sine periods of SECONDS each on top. ``push`` is a force beside the hand's spring,
-which ``stiffness 200 200 0`` leaves free to go up and down. ``click`` presses for 0.1 s. ``dock``
-moves into the inkwell, and at 0 s it is there from the start; ``loop`` starts the script again,
-which must end as it began.
+``move``, ``turn``, ``push`` and ``stiffness`` change smoothly, slowly without ``over``; ``draw``
+goes through a list of points at the present height, with a stop at each; ``circle`` goes round a
+center that lies X, Y from here, counterclockwise seen from above; ``swing`` adds N sine periods of
+SECONDS each on top. ``push`` is a force in addition to the hand's spring, which ``stiffness 200 200
+0`` leaves free to go up and down. ``click`` presses for 0.1 s. ``dock`` moves into the inkwell; at
+0 s the stylus starts there; ``loop`` starts the script again, which must end as it began.
 """
 
 SCRIPTS: Mapping[str, str] = {
@@ -156,12 +153,12 @@ SCRIPTS: Mapping[str, str] = {
         9.0   dock over 1.5
     """,
 }
-"""The built-in scripts. They are within the usable workspace, 70 x 160 x 120 mm."""
+"""Built-in scripts, within the usable workspace of 70 x 160 x 120 mm."""
 
 
 class _Quintic(NamedTuple):
-    """From a state of motion to rest, without a jump of position, speed or acceleration; from
-    rest to rest it is the motion of least jerk."""
+    """Polynomial from a state of motion to rest, without a jump of position, speed or acceleration;
+    from rest to rest it is the motion of least jerk."""
 
     start_s: float
     over_s: float
@@ -169,7 +166,7 @@ class _Quintic(NamedTuple):
     goal: tuple[float, ...]
 
     def at(self, time_s: float) -> tuple[list[float], list[float], list[float]]:
-        """Position, speed and acceleration."""
+        """Return position, speed and acceleration."""
         t = time_s - self.start_s
         if t >= self.over_s:
             return list(self.goal), [0.0] * len(self.goal), [0.0] * len(self.goal)
@@ -182,7 +179,7 @@ class _Quintic(NamedTuple):
 
 
 class _Track:
-    """A vector in time: at rest, or on its way to the goal that it was given last."""
+    """Vector as a function of time: at rest, or on its way to the latest goal."""
 
     def __init__(self, rest: Sequence[float]) -> None:
         self._ways = [_Quintic(0.0, 0.0, (), tuple(rest))]
@@ -191,7 +188,7 @@ class _Track:
         return tuple(self._way(time_s).at(time_s)[0])
 
     def go(self, start_s: float, goal: Sequence[float], over_s: float) -> None:
-        """From wherever it is at `start_s`; goals for later are forgotten."""
+        """Move from the position at `start_s` to a goal; later goals are dropped."""
         states = self._way(start_s).at(start_s)
         while self._ways and self._ways[-1].start_s >= start_s:
             self._ways.pop()
@@ -226,12 +223,12 @@ def _to_rest(p: float, v: float, a: float, end: float, over_s: float) -> tuple[f
 
 
 class _Overlay(NamedTuple):
-    """A motion on top of the others that ends where it begins."""
+    """Motion superposed on the others that ends at its start."""
 
     start_s: float
     over_s: float
     shape: Callable[[float], tuple[float, ...]]
-    """By the share of its time that is over: position, m, then angles, rad."""
+    """Position, m, and angles, rad, at this share of its duration."""
 
     def at(self, time_s: float) -> tuple[float, ...]:
         share = (time_s - self.start_s) / self.over_s
@@ -239,7 +236,7 @@ class _Overlay(NamedTuple):
 
 
 def _smooth(share: float) -> float:
-    """0 to 1 with the least jerk."""
+    """Return a smooth value from 0 to 1 with the least jerk."""
     share = min(max(share, 0.0), 1.0)
     return share**3 * (10.0 - share * (15.0 - 6.0 * share))
 
@@ -271,8 +268,8 @@ class _Hand:
         heapq.heappush(self._due, (_rounded(time_s), self._planned, action))
 
     def play(self) -> None:
-        """Do all actions in the order of time: what each does depends on where those before it
-        have led."""
+        """Execute all actions in the order of time: each depends on the state that the previous
+        ones reached."""
         while self._due:
             heapq.heappop(self._due)[2]()
 
@@ -325,7 +322,7 @@ class _Hand:
         self.flags.append((time_s, flags))
 
     def times_s(self) -> set[float]:
-        """Times that need a waypoint, s."""
+        """Return the times that need a waypoint, s."""
         intervals = [each for track in self.tracks.values() for each in track.intervals()]
         intervals += [(each.start_s, each.start_s + each.over_s) for each in self.overlays]
         times_s = {time_s for time_s, _ in self.flags}
@@ -338,7 +335,8 @@ class _Hand:
         return times_s
 
     def waypoint(self, time_s: float, before: Waypoint | None) -> Waypoint:
-        """The hand at `time_s`, in the device frame; its angles go on from those `before`."""
+        """Return the hand at `time_s`, in the device frame; its angles continue from those
+        `before`."""
         placed = [*self.tracks["move"].at(time_s), *self.tracks["turn"].at(time_s)]
         for overlay in self.overlays:
             placed = [a + b for a, b in zip(placed, overlay.at(time_s), strict=True)]
@@ -353,8 +351,8 @@ class _Hand:
             angles,
             *self.flags[index - 1][1],
             to_device(self.tracks["push"].at(time_s)),
-            # The same axes, but a stiffness has no sign; and one that is changed again during
-            # a change may overshoot.
+            # The same axes, but stiffness has no sign; changed again during a change, it may
+            # overshoot.
             Vector3(max(ky, 0.0), max(kz, 0.0), max(kx, 0.0)),
         )
 
@@ -362,7 +360,7 @@ class _Hand:
 def compile_script(
     steps: Iterable[ScriptStep], stiffness_n_m: float = USUAL_STIFFNESS_N_M
 ) -> HandMotion:
-    """A script's steps as waypoints; the hand begins gripping, at the origin.
+    """Return a script's steps as waypoints; the hand begins gripping, at the origin.
 
     `stiffness_n_m` is the hand's until the script says otherwise. Raises ScriptError, naming the
     step, for arguments that its verb does not take.
@@ -396,7 +394,7 @@ def compile_script(
 
 
 def load_motion(name_or_file: str, stiffness_n_m: float = USUAL_STIFFNESS_N_M) -> HandMotion:
-    """The waypoints of a built-in script, or of one in a file."""
+    """Return the waypoints of a built-in script or of one in a file."""
     return compile_script(load_script(name_or_file, SCRIPTS, SCRIPT_VERBS), stiffness_n_m)
 
 

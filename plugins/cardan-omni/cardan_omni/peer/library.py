@@ -1,7 +1,5 @@
-"""The simulated libHD in this process: for tests, benches, and programs that step it.
-
-A process has one libHD, as with the real one, so there is one simulated device at a time.
-"""
+"""Simulated libHD in this process: for tests, benches, and programs that step it. A process has a
+single libHD, as with the real one, and therefore one simulated device at a time."""
 
 from __future__ import annotations
 
@@ -20,9 +18,10 @@ from cardan_omni.peer.settings import FAULTS, OmniSettings
 from cardan_omni.protocol import rotation_to_device, to_device, to_hand
 
 SETTINGS_VARIABLE = "CARDAN_OMNI"
-"""Names the settings file of a program that loads the library without knowing it is simulated."""
+"""Environment variable with the settings file, for a program that loads the library without knowing
+that it is simulated."""
 LIBRARY_VARIABLE = "CARDAN_LIBHD"
-"""Where Cardan's own driver looks for libHD first."""
+"""Environment variable in which Cardan's driver looks for libHD first."""
 LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
 """Names of the real library."""
 
@@ -40,7 +39,7 @@ def library_path() -> Path:
 
 
 def available() -> bool:
-    """Whether it was compiled."""
+    """Return True if the library was compiled."""
     try:
         library_path()
     except DeviceNotFoundError:
@@ -55,7 +54,7 @@ class OmniTruth(NamedTuple):
     """Time of the library's clock: monotonic, or virtual from 0."""
     ticks: int
     position_m: Vector3
-    """True position of the gimbal's center, before any encoder."""
+    """True position of the gimbal's center, before the encoders."""
     velocity_m_s: Vector3
     hand_target_m: Vector3
     hand_force_n: Vector3
@@ -65,20 +64,20 @@ class OmniTruth(NamedTuple):
     delivered_n: Vector3
     """Force of the motors after clamp, ramp, amplifier and converter."""
     delivered_j: float
-    """Work of the motors on the stylus since the start."""
+    """Work done by the motors on the stylus since the start."""
     hand_j: float
-    """Work on the stylus of the hand, of pushes, and of the droop."""
+    """Work done on the stylus by the hand, pushes, and the droop."""
     lost_j: float
-    """Lost in the mechanism's friction, damping and stops."""
+    """Energy lost in the mechanism's friction, damping and stops."""
     kinetic_j: float
     """Kinetic energy of the stylus: delivered_j + hand_j = lost_j + kinetic_j."""
     temperature: Vector3
-    """Temperatures of the three motors; above 1 they are too warm."""
+    """Temperatures of the three motors; above 1 they are overheated."""
     buttons: int
     docked: bool
     gripped: bool
     amplifier: bool
-    """The amplifier outputs force."""
+    """True while the amplifier outputs force."""
     calibrated: bool
     script_done: bool
 
@@ -97,7 +96,7 @@ _MADE: list[tuple[int, Callable[[Any], Any]]] = [
     for index, (name, kind) in enumerate(_TRUTH.items())
     if kind in (bool, Vector3)
 ]
-"""Conversions of C's fields to OmniTruth's, by place; other fields are unchanged."""
+"""Conversions of C's fields to OmniTruth's, by index; other fields are unchanged."""
 
 
 class _SimTruth(ctypes.Structure):
@@ -133,11 +132,11 @@ def _load(path: Path) -> ctypes.CDLL:
 
 
 class SimulatedOmni:
-    """The side channel of the simulated libHD. Making one makes the device anew, which ends
-    whatever an earlier one did; no device may be initialized at that time.
+    """Side channel of the simulated libHD. Creating one resets the device and ends the activity of
+    an earlier one; no device may be initialized at that time.
 
-    Vectors are in the hand frame: x forward, y left, z up. Raises ScriptError for settings that
-    the library does not take, DeviceNotFoundError when it was not compiled.
+    Vectors are in the hand frame: x forward, y left, z up. Raises ScriptError for settings that the
+    library does not take, DeviceNotFoundError when it was not compiled.
     """
 
     def __init__(self, settings: OmniSettings | None = None) -> None:
@@ -147,23 +146,23 @@ class SimulatedOmni:
         self.configure(settings or OmniSettings(virtual=True))
 
     def configure(self, settings: OmniSettings) -> None:
-        """Restart as powered on, with these settings; nothing changes when they are refused."""
+        """Restart as after power-on, with these settings; refused settings change nothing."""
         if self._library.simConfigure(settings.text.encode()):
             problem = self._library.simProblem().decode(errors="replace")
             raise ScriptError(f"the simulated Omni: {problem}")
         self.settings = settings
 
     def step(self, ticks: int = 1) -> int:
-        """Run ticks in virtual time, with a started scheduler; returns how many were run."""
+        """Run ticks in virtual time, with a started scheduler; return the number of ticks run."""
         return int(self._library.simStep(ticks))
 
     @property
     def now_s(self) -> float:
-        """The library's time."""
+        """Return the library's time."""
         return float(self._library.simNow())
 
     def truth(self) -> OmniTruth:
-        """The device's true state, not the measured one."""
+        """Return the device's true state, not the measured one."""
         it = self._truth
         self._library.simTruth(ctypes.byref(it))
         values = list(_read(it))
@@ -181,10 +180,8 @@ class SimulatedOmni:
         buttons: int = 0,
         docked: bool = False,
     ) -> None:
-        """Hold the stylus like this from now on; ends the script.
-
-        Angles are about the fixed axes x, y, z in turn; `push_n` is beside the hand's spring.
-        """
+        """Hold the stylus in this way from now on; ends the script. Angles are about the fixed axes
+        x, y, z in turn; `push_n` is in addition to the hand's spring."""
         turn = to_euler_zyx(rotation_to_device(from_euler_zyx(*turn_rad)))
         self._library.simHand(
             _Double3(*to_device(target_m)),
@@ -196,7 +193,7 @@ class SimulatedOmni:
         )
 
     def push(self, force_n: Sequence[float] = ZERO3) -> None:
-        """A force of the world on the stylus, beside the hand, until the next call."""
+        """Apply an external force to the stylus, in addition to the hand, until the next call."""
         self._library.simPush(_Double3(*to_device(force_n)))
 
     def fault(self, name: str, value: float = 1.0) -> None:

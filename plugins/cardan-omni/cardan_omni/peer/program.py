@@ -22,15 +22,13 @@ from cardan_omni.peer.library import (
 from cardan_omni.peer.settings import OmniSettings
 
 GRACE_S = 5.0
-"""Time that a program has to end on request."""
+"""Time for a program to end after a request."""
 
 
 @contextlib.contextmanager
 def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
-    """Environment of a program that finds the simulated device when it loads libHD.
-
-    Valid within the block. Raises DeviceNotFoundError when the library was not compiled.
-    """
+    """Environment of a program, valid within the block, in which it finds the simulated device when
+    it loads libHD. Raises DeviceNotFoundError if the library was not compiled."""
     library = library_path()
     with tempfile.TemporaryDirectory(prefix="cardan-omni-") as name:
         folder = Path(name)
@@ -48,7 +46,7 @@ def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
 
 
 def prepare_log(settings: OmniSettings) -> None:
-    """Empty the log, so that its later content is of this run.
+    """Empty the log, so that it has only rows of this run.
 
     Raises ConfigurationError when it cannot be written.
     """
@@ -62,7 +60,7 @@ def prepare_log(settings: OmniSettings) -> None:
 
 
 def missing_log(settings: OmniSettings) -> str:
-    """Why a program that has run left no rows in the log; empty when it did."""
+    """Return why a program that has run left no rows in the log; empty when it did."""
     if not settings.log or not (path := Path(settings.log)).is_file():
         return ""
     with path.open("rb") as file:
@@ -74,12 +72,11 @@ def missing_log(settings: OmniSettings) -> str:
 
 
 def run_program(words: Sequence[str], settings: OmniSettings, seconds: float | None = None) -> int:
-    """Run a program and its arguments with the simulated device; its exit code.
-
-    Signals go on to it; when this process is killed, it gets SIGTERM, and SIGKILL 5 s later. After
-    `seconds` it gets SIGTERM, which counts as 0. A program that a signal ended gives 128 and the
-    signal's number, as in a shell. Main thread only. Raises ConfigurationError when it cannot be
-    run or its log cannot be written, DeviceNotFoundError without the library.
+    """Run a program with the simulated device; return its exit code. Signals are forwarded to it;
+    when this process is killed, it gets SIGTERM, and SIGKILL 5 s later. After `seconds` it gets
+    SIGTERM, which counts as 0. A program ended by a signal returns 128 plus the signal's number, as
+    in a shell. Main thread only. Raises ConfigurationError when it cannot be run or its log cannot
+    be written, DeviceNotFoundError without the library.
     """
     with environment(settings) as variables:
         prepare_log(settings)
@@ -103,16 +100,14 @@ if [ -n "$pid" ]; then
 fi
 rm -rf -- "$1"
 """
-"""For sh. It reads the program's process id, then a line at the regular end; the end of its input
-without that line means that this process has died."""
+"""Script for sh, which reads the program's process id, then a line at the regular end. The end of
+its input without that line means that this process has died."""
 
 
 @contextlib.contextmanager
 def _guard(folder: str) -> Iterator[Callable[[int], None]]:
-    """A process that ends the program and removes the folder if this one is killed.
-
-    Yields a function that must be called with the program's process id.
-    """
+    """Start a process that ends the program and removes the folder if this process is killed.
+    Yields a function that must be called with the program's process id."""
     reading, writing = os.pipe()
     try:
         guard = os.posix_spawn(
@@ -177,7 +172,7 @@ class _Runner:
                 list(words),
                 variables,
                 setsigmask=mask,
-                # Python ignores these two, and what is ignored at a program's start stays so.
+                # Python ignores these two, and a started program inherits ignored signals.
                 setsigdef=(signal.SIGPIPE, signal.SIGXFSZ),
             )
             started(self._pid)
@@ -197,7 +192,7 @@ class _Runner:
 
     def _pass_on(self, number: int) -> None:
         if number in (signal.SIGINT, signal.SIGQUIT) and _in_foreground():
-            return  # The terminal has sent it to the program, too.
+            return  # The terminal has sent the signal to the program, too.
         self._kill(number)
 
     def _end(self, _number: int, _frame: FrameType | None) -> None:
@@ -211,7 +206,8 @@ class _Runner:
 
 
 def _in_foreground() -> bool:
-    """Whether a terminal's Ctrl-C reaches this process and the programs that it has started."""
+    """Return True if a terminal's Ctrl-C reaches this process and the programs that it has
+    started."""
     try:
         terminal = os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY)
     except OSError:

@@ -50,10 +50,10 @@ MODELS = {"omni": "PHANTOM Omni", "touch": "Touch"}
 """Values of HD_DEVICE_MODEL_TYPE, by the name of the option."""
 
 GIMBAL_NOISE_LSB = {"omni": 5.0, "touch": 0.0}
-"""Peak to peak, by model: the FireWire units are noisy."""
+"""Noise by model, peak to peak: the FireWire units are noisier."""
 
 INKWELL_M = Vector3(0.0, -0.0655107, -0.0881142)
-"""Where the docked stylus holds the gimbal's center, device frame."""
+"""Position of the gimbal's center with the stylus docked, device frame."""
 
 
 def _flag(name: str, help_: str) -> FaultSwitch:
@@ -95,12 +95,12 @@ class OmniFault(NamedTuple):
 
 
 def parse_omni_faults(words: Iterable[str]) -> tuple[OmniFault, ...]:
-    """Read ``NAME[=VALUE][@SECONDS]``; ScriptError says what is wrong and lists the faults."""
+    """Read ``NAME[=VALUE][@SECONDS]``; Raises ScriptError, which lists the faults."""
     return tuple(parse_omni_fault(word) for word in words)
 
 
 def parse_omni_fault(word: str) -> OmniFault:
-    """One of them."""
+    """One of the fault names of FAULTS."""
     what, at, from_s = word.partition("@")
     name, equals, value = what.partition("=")
     defaults = {switch.name: switch.default for switch in FAULTS}
@@ -133,30 +133,30 @@ def _check_fault(fault: OmniFault) -> None:
 
 
 class Waypoint(NamedTuple):
-    """The hand at an instant, device frame; numbers are linear between two of them."""
+    """Hand at an instant, device frame; numbers are linear between two of them."""
 
     time_s: float
-    """Since the scheduler was first started."""
+    """Time since the scheduler was first started, s."""
     position_m: Vector3 = ZERO3
-    """Where the hand wants the gimbal's center."""
+    """Position to which the hand pulls the gimbal's center."""
     turn_rad: Vector3 = ZERO3
-    """About the fixed axes x, y, z in turn."""
+    """Angles of the stylus about the fixed axes x, y, z in turn."""
     gripped: bool = True
     buttons: int = 0
     docked: bool = False
     push_n: Vector3 = ZERO3
-    """Beside the hand's spring."""
+    """Force in addition to the hand's spring."""
     stiffness_n_m: Vector3 = Vector3(200.0, 200.0, 200.0)
     """Stiffness of the spring along each axis."""
 
 
 class HandMotion(NamedTuple):
-    """A script as the library plays it."""
+    """Script in the form that the library plays."""
 
     waypoints: tuple[Waypoint, ...] = ()
-    """In the order of time; none: the hand stays at the origin, as in OmniSettings."""
+    """Waypoints in the order of time; none: the hand stays at the origin, as in OmniSettings."""
     loop_s: float | None = None
-    """When it starts again; None: it does not."""
+    """Time when the script starts again; None: it does not."""
 
 
 SEED = Range(0, 2**63 - 1, "", "63 bits")
@@ -176,21 +176,22 @@ UNSCALED = Vector3(1.0, 1.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class OmniSettings(Options):
-    """A simulated Omni. `text` is what simConfigure, or the file of CARDAN_OMNI, takes.
+    """Simulated Omni. `text` is the input of simConfigure or of the file named by CARDAN_OMNI.
 
-    Raises OptionError for a value out of range, ScriptError for a fault or a motion that makes no
-    sense; the numbers are those of the real device where those are known.
+    Raises OptionError for a value out of range, ScriptError for a fault or a motion that is
+    impossible; defaults are the real device's values where these are known.
     """
 
     virtual: bool = False
-    """Time passes in simStep only; otherwise the clock of this machine and a thread."""
+    """Whether time passes in simStep only; otherwise this computer's clock and a thread are
+    used."""
     seed: Annotated[int, SEED] = 0
     rate_hz: Annotated[int, RATE_HZ] = 1000
     cold: bool = option(False, "It needs the inkwell before it knows where it is.")
     model: str = option("omni", "Which of the two it says it is.", metavar="|".join(MODELS))
     serial: str = "60907300123"
     device: str = ""
-    """A name for hdInitDevice beside the default ones."""
+    """Name for hdInitDevice in addition to the default ones."""
     mass_kg: Annotated[float, MASS_KG] = 0.045
     friction_n: Annotated[float, DRAG_N] = 0.26
     viscous_n_s_m: Annotated[float, VISCOUS_N_S_M] = 0.1
@@ -200,11 +201,12 @@ class OmniSettings(Options):
     gimbal_scale: Vector3 = UNSCALED
     gimbal_offset_rad: Vector3 = ZERO3
     gimbal_noise_lsb: Annotated[float, NOISE_LSB] | None = None
-    """Peak to peak, of 0.0735° each, uniform; None: that of the model."""
+    """Noise of the gimbal angles, peak to peak, in steps of 0.0735°, uniform; None: that of the
+    model."""
     hand_mass_kg: Annotated[float, HAND_MASS_KG] = 0.2
     hand_damping_n_s_m: Annotated[float, HAND_DAMPING_N_S_M] = 5.0
     hand_stiffness_n_m: Annotated[float, HAND_STIFFNESS_N_M] = 200.0
-    """Without waypoints, which say it themselves, as they do of the grip."""
+    """Grip without waypoints; waypoints have their own."""
     gripped: bool = True
     motion: HandMotion = STILL
     faults: tuple[OmniFault, ...] = option(
@@ -216,7 +218,7 @@ class OmniSettings(Options):
         repeatable=True,
     )
     log: str = option("", "Write true values there as they come (CSV).", metavar="FILE")
-    """A row for each tick, at most 50 ms later."""
+    """Log file with a row for each tick, written at most 50 ms later."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -242,7 +244,7 @@ class OmniSettings(Options):
 
     @property
     def text(self) -> str:
-        """The settings as the library reads them."""
+        """Return the settings in the text form that the library reads."""
         lines = [
             f"clock {'virtual' if self.virtual else 'real'}",
             f"seed {self.seed}",
@@ -270,7 +272,7 @@ class OmniSettings(Options):
         if self.device:
             lines.append(f"device {self.device}")
         if self.log:
-            # The program that loads the library may be somewhere else by then.
+            # The program that loads the library may have another working directory by then.
             lines.append(f"log {Path(self.log).absolute()}")
         return "\n".join(lines) + "\n"
 

@@ -14,10 +14,10 @@ HD_FALSE = 0
 HD_TRUE = 1
 MIN_SCHEDULER_PRIORITY = 0
 MAX_SCHEDULER_PRIORITY = 65535
-"""The callback of the highest priority runs first in a tick."""
+"""Priority of the callback that runs first in a tick."""
 DEFAULT_SCHEDULER_PRIORITY = 32767
 INVALID_HANDLE = 0xFFFFFFFF
-"""Result of hdInitDevice when it fails. Handles may be 0, and BAD_HANDLE is not one."""
+"""Result of hdInitDevice when it fails. 0 is a valid handle, BAD_HANDLE is not."""
 
 ERROR_INFO = struct.Struct("@IiI")
 """HDErrorInfo, which hdGetError returns by value: errorCode (an Error), internalErrorCode (of the
@@ -28,16 +28,16 @@ class CallbackCode(enum.IntEnum):
     """Results of a scheduled callback. Prefix HD_CALLBACK_."""
 
     DONE = 0
-    """Ends it."""
+    """End the callback."""
     CONTINUE = 1
-    """Again in the next tick."""
+    """Call it again in the next tick."""
 
 
 class WaitCode(enum.IntEnum):
     """Modes of hdWaitForCompletion. Prefix HD_WAIT_."""
 
     CHECK_STATUS = 0
-    """Not at all: true while the callback is scheduled."""
+    """Do not wait: true while the callback is scheduled."""
     INFINITE = 1
 
 
@@ -46,7 +46,7 @@ class ErrorClass(enum.Enum):
 
     PROGRAMMING = "programming"
     FORCE = "force"
-    """Codes 0x02xx: the amplifier is off for a while; the scheduler goes on."""
+    """Codes 0x02xx: the amplifier is off temporarily; the scheduler continues."""
     DEVICE = "device"
     FRAME = "frame"
     SCHEDULER = "scheduler"
@@ -76,7 +76,7 @@ class Error(enum.IntEnum):
     ILLEGAL_BEGIN = 0x0400
     ILLEGAL_END = 0x0401
     FRAME_ERROR = 0x0402
-    """Something was set outside a frame."""
+    """A value was set outside a frame."""
     INVALID_PRIORITY = 0x0500
     SCHEDULER_FULL = 0x0501
     INVALID_LICENSE = 0x0600
@@ -92,26 +92,27 @@ _CLASSES = {
 }
 
 SCHEDULER_FATAL = frozenset({Error.DEVICE_FAULT, Error.COMM_ERROR, Error.TIMER_ERROR})
-"""The device is not reached any more: a callback that sees one returns DONE."""
+"""The device is unreachable: a callback that sees this returns DONE."""
 
 
 def error_class(code: int) -> ErrorClass | None:
-    """The class of a code, known by name or not; None for SUCCESS and codes of no class."""
+    """Return the class of a code, whether or not it has a name; None for SUCCESS and codes of no
+    class."""
     return _CLASSES.get(code >> 8)
 
 
 def is_force_error(code: int) -> bool:
-    """Whether a limit of the force or the motors' heat was met."""
+    """Return True if a limit of the force or the motors' temperature was reached."""
     return error_class(code) is ErrorClass.FORCE
 
 
 def is_scheduler_fatal(code: int) -> bool:
-    """Whether the servo loop has to end."""
+    """Return True if the servo loop must end."""
     return code in SCHEDULER_FATAL
 
 
 def error_name(code: int) -> str:
-    """The name in C; of an unknown code its number in hex."""
+    """Return the name in C; the number in hex for an unknown code."""
     try:
         return f"HD_{Error(code).name}"
     except ValueError:
@@ -119,7 +120,7 @@ def error_name(code: int) -> str:
 
 
 class State(enum.IntEnum):
-    """Values that a frame gets and sets. Prefix HD_.
+    """Values that a frame reads and writes. Prefix HD_.
 
     CURRENT_ is of this tick, LAST_ of the one before. Forces and torques can be set; they are zero
     at the beginning of each frame. Vectors have three components unless said.
@@ -144,7 +145,7 @@ class State(enum.IntEnum):
     CURRENT_ANGULAR_VELOCITY = 0x2053
     """rad/s, of the gimbal."""
     CURRENT_JACOBIAN = 0x2054
-    """Undocumented."""
+    """Undocumented by the vendor."""
     CURRENT_JOINT_ANGLES = 0x2100
     """rad: turret to the left, thigh up, shin up, the latter two against the base."""
     CURRENT_GIMBAL_ANGLES = 0x2150
@@ -161,15 +162,15 @@ class State(enum.IntEnum):
     LAST_JOINT_ANGLES = 0x2300
     LAST_GIMBAL_ANGLES = 0x2350
     CURRENT_FORCE = 0x2700
-    """N."""
+    """Force, N."""
     CURRENT_TORQUE = 0x2701
     """mN·m; deprecated."""
     JOINT_ANGLE_REFERENCES = 0x2702
-    """Undocumented."""
+    """Undocumented by the vendor."""
     CURRENT_JOINT_TORQUE = 0x2703
-    """mN·m; goes before CURRENT_FORCE of the same frame."""
+    """mN·m; set before CURRENT_FORCE of the same frame."""
     CURRENT_GIMBAL_TORQUE = 0x2704
-    """mN·m; beside CURRENT_FORCE."""
+    """mN·m; in addition to CURRENT_FORCE."""
     CURRENT_MOTOR_DAC_VALUES = 0x2750
     """3 or 6 long, -32767 to 32766; deprecated."""
     LAST_FORCE = 0x2800
@@ -199,7 +200,7 @@ class Info(enum.IntEnum):
     MAX_WORKSPACE_DIMENSIONS = 0x2550
     """6 double, mm: lowest x, y, z, then highest."""
     USABLE_WORKSPACE_DIMENSIONS = 0x2551
-    """6 double, mm, likewise; forces are to be relied on within."""
+    """6 double, mm, as above; forces are reliable within."""
     TABLETOP_OFFSET = 0x2552
     """1 float, mm."""
     INPUT_DOF = 0x2553
@@ -240,12 +241,12 @@ class Capability(enum.IntEnum):
 
     FORCE_OUTPUT = 0x4000
     MAX_FORCE_CLAMPING = 0x4001
-    """A force above the highest is shortened."""
+    """A force above the highest is scaled down."""
     FORCE_RAMPING = 0x4002
-    """Force comes back slowly after a start, an error, and the inkwell."""
+    """Ramp the force up after a start, an error, and the inkwell."""
     SOFTWARE_FORCE_LIMIT = 0x4003
     ONE_FRAME_LIMIT = 0x4004
-    """At most one frame per device and tick."""
+    """Allow at most one frame per device and tick."""
 
 
 class Calibration(enum.IntEnum):

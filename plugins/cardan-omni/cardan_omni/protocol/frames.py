@@ -11,24 +11,25 @@ HAND_FROM_DEVICE = (
     (-1.0, 0.0, 0.0),
     (0.0, 1.0, 0.0),
 )
-"""By rows, determinant +1: v_hand = R · v_device, rotations R · M · Rᵀ, forces back with Rᵀ."""
+"""Rotation by rows, determinant +1: v_hand = R · v_device, rotations R · M · Rᵀ, forces back with
+Rᵀ."""
 
 
 def to_hand(v: Sequence[float]) -> Vector3:
-    """A vector along HDAPI's axes, along the hand's."""
+    """Convert a vector from HDAPI's axes to the hand's."""
     return Vector3(-v[2], -v[0], v[1])
 
 
 def to_device(v: Sequence[float]) -> Vector3:
-    """A vector along the hand's axes, along HDAPI's."""
+    """Convert a vector from the hand's axes to HDAPI's."""
     return Vector3(-v[1], v[2], -v[0])
 
 
 def rotation_to_hand(q: Quaternion) -> Quaternion:
-    """A rotation of the device frame as one of the hand frame."""
+    """Convert a rotation from the device frame to the hand frame."""
     return Quaternion(q.w, *to_hand(q[1:]))
 
 
 def rotation_to_device(q: Quaternion) -> Quaternion:
-    """A rotation of the hand frame as one of the device frame."""
+    """Convert a rotation from the hand frame to the device frame."""
     return Quaternion(q.w, *to_device(q[1:]))
