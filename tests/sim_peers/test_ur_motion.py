@@ -287,6 +287,17 @@ def test_movec_stays_on_its_circle(mode, arm):
     assert arm.tips[-1] == pytest.approx(start + np.array([0.0, 0.2, 0.0]), abs=1e-9)
 
 
+def test_a_mode_that_was_computed_is_a_whole_number(arm):
+    wanted = arm.call("movec", arm.pose(0.1, 0.1), arm.pose(0.0, 0.2), mode=1)
+    assert arm.call("movec", arm.pose(0.1, 0.1), arm.pose(0.0, 0.2), mode=3.0 / 3) == wanted
+    force = (UrPose((0.0,) * 6), [0, 0, 1, 0, 0, 0], [0, 0, -10, 0, 0, 0])
+    arm.call("force_mode", *force, 6.0 / 3, [0.1] * 6)
+    assert arm.motion.force.asked.kind == 2
+    for kind in (0.5, 4.0, True, [1]):
+        with pytest.raises(ValueError, match="type is 4|not a whole number"):
+            arm.call("force_mode", *force, kind, [0.1] * 6)
+
+
 def test_movec_through_points_on_a_line_is_a_line(arm):
     goal = arm.pose(y=0.2)
     arm.do("movec", arm.pose(y=0.1), goal)

@@ -41,6 +41,12 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     return value
 
 
+def choice(name: str, value: Any, least: int, most: int) -> int:
+    """Return a whole number in a range, also one that was computed, as 6 / 3."""
+    computed = isinstance(value, float) and value.is_integer()
+    return whole(name, int(value) if computed else value, least, most)
+
+
 def truth(name: str, value: Any) -> bool:
     """Return True or False."""
     if not isinstance(value, bool):

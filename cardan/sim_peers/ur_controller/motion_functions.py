@@ -123,7 +123,7 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
             checks.above_zero("a", a),
             checks.above_zero("v", v),
             checks.not_below_zero("r", r),
-            checks.whole("mode", mode, 0, 1) == 1,
+            checks.choice("mode", mode, 0, 1) == 1,
         )
 
     def servoj(q: Any, a: Any, v: Any, t: Any, lookahead_time: Any, gain: Any) -> ServoJ:
@@ -204,7 +204,7 @@ def _modes(motion: ArmMotion) -> Mapping[str, Function]:
                 checks.frame("task_frame", frame),
                 checks.switches("selection_vector", selection),
                 checks.vector("wrench", wrench),
-                checks.whole("type", kind, 1, 3),
+                checks.choice("type", kind, 1, 3),
                 tuple(map(abs, checks.vector("limits", limits))),
             )
         )
