@@ -85,6 +85,13 @@ def above_zero(name: str, value: Any) -> float:
     return float(value)
 
 
+def share(name: str, value: Any) -> float:
+    """Return a share above 0, at most 1."""
+    if not above_zero(name, value) <= 1.0:
+        raise ValueError(f"{name} is {text(value)}, which is above 1")
+    return float(value)
+
+
 def time(value: Any) -> float:
     """Return a time in s; 0: not given."""
     if 0.0 < not_below_zero("t", value) < SMALLEST:
