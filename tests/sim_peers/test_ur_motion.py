@@ -287,6 +287,56 @@ def test_movec_stays_on_its_circle(mode, arm):
     assert arm.tips[-1] == pytest.approx(start + np.array([0.0, 0.2, 0.0]), abs=1e-9)
 
 
+def test_optimal_moves_take_shares_of_what_the_joints_are_able_to(arm):
+    speeds = load_arm("ur5e").velocity
+    goal = (HOME[0] + 2.0, *HOME[1:5], HOME[5] + 1.0)
+    slow_s = arm.do("optimovej", list(goal))
+    assert arm.motion.target_q == pytest.approx(goal)
+    assert np.abs(arm.qd).max(axis=0)[0] == pytest.approx(0.3 * speeds[0])
+    arm.frames.clear()
+    assert arm.do("optimovej", list(HOME), 1.0, 1.0) < slow_s
+    assert np.abs(arm.qd).max(axis=0)[0] == pytest.approx(speeds[0], rel=0.05)
+    there = arm.pose(y=0.2, z=-0.1)
+    for share in (0.5, 1.0):
+        arm.frames.clear()
+        arm.do("optimovel", there, v=share, a=share)
+        assert not arm.why
+        assert same(arm.motion.target_tcp_pose(), there)
+        assert np.all(np.abs(arm.qd).max(axis=0) <= 1.05 * share * np.array(speeds))
+        there = arm.pose()
+        arm.do("optimovel", list(HOME), r=0.01)
+        arm.wait(1.0)
+        assert same(arm.motion.target_tcp_pose(), arm.call("get_forward_kin", list(HOME)))
+    assert arm.do("optimovel", arm.pose()) == arm.dt_s
+    assert arm.do("optimovej", list(HOME)) == arm.dt_s
+
+
+def test_an_optimal_move_refuses_what_is_no_share(arm):
+    for name, value in (("a", 1.1), ("v", 0.0), ("v", -0.1), ("r", -1.0)):
+        for function in ("optimovej", "optimovel"):
+            with pytest.raises(ValueError, match=f"{name} is"):
+                arm.call(function, list(HOME), **{name: value})
+    for function in ("optimovej", "optimovel"):
+        with pytest.raises(ValueError, match="goal is box"):
+            arm.call(function, "box")
+    why = "no joints have the TCP"
+    with pytest.raises(ValueError, match=why):
+        arm.call("optimovej", arm.pose(x=3.0))
+    arm.frame(arm.call("optimovel", arm.pose(x=3.0)))
+    assert "out of the arm's reach" in arm.why
+
+
+def test_a_mode_that_was_computed_is_a_whole_number(arm):
+    wanted = arm.call("movec", arm.pose(0.1, 0.1), arm.pose(0.0, 0.2), mode=1)
+    assert arm.call("movec", arm.pose(0.1, 0.1), arm.pose(0.0, 0.2), mode=3.0 / 3) == wanted
+    force = (UrPose((0.0,) * 6), [0, 0, 1, 0, 0, 0], [0, 0, -10, 0, 0, 0])
+    arm.call("force_mode", *force, 6.0 / 3, [0.1] * 6)
+    assert arm.motion.force.asked.kind == 2
+    for kind in (0.5, 4.0, True, [1]):
+        with pytest.raises(ValueError, match=r"type is 4|not a whole number"):
+            arm.call("force_mode", *force, kind, [0.1] * 6)
+
+
 def test_movec_through_points_on_a_line_is_a_line(arm):
     goal = arm.pose(y=0.2)
     arm.do("movec", arm.pose(y=0.1), goal)

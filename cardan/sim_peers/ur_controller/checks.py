@@ -41,6 +41,12 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     return value
 
 
+def choice(name: str, value: Any, least: int, most: int) -> int:
+    """Return a whole number in a range, also one that was computed, as 6 / 3."""
+    computed = isinstance(value, float) and value.is_integer()
+    return whole(name, int(value) if computed else value, least, most)
+
+
 def truth(name: str, value: Any) -> bool:
     """Return True or False."""
     if not isinstance(value, bool):
@@ -76,6 +82,13 @@ def above_zero(name: str, value: Any) -> float:
     """Return a number above 0."""
     if moderate(name, value) < SMALLEST:
         raise ValueError(f"{name} is {text(value)}, which is not above 0")
+    return float(value)
+
+
+def share(name: str, value: Any) -> float:
+    """Return a share above 0, at most 1."""
+    if not above_zero(name, value) <= 1.0:
+        raise ValueError(f"{name} is {text(value)}, which is above 1")
     return float(value)
 
 

@@ -83,6 +83,8 @@ _AT_REST: Final = 1e-9
 _TOO_FAST: Final = 1.05
 """Multiple of a joint's highest speed at which the safety system stops the arm."""
 _ROUNDING: Final = 1e-9
+_SAMPLES: Final = 32
+"""Parts of a path whose joint speeds are compared."""
 
 
 SENSED_STIFFNESS_N_M: Final = 20_000.0
@@ -282,6 +284,19 @@ class ArmMotion:
     def is_singular(self, threshold: float) -> bool:
         """Return True if the smallest singular value of the arm's Jacobian is below `threshold`."""
         return Differential(forward(self.actual_q, self.kinematics.links)).is_singular(threshold)
+
+    def fastest_on(self, path: MovejPath | ToolPath) -> float:
+        """Return the highest speed along a path from the target at which no joint is too fast."""
+        q, length, fastest = self.target_q, path.length / _SAMPLES, math.inf
+        for sample in range(1, _SAMPLES + 1):
+            found = joints_on(self.kinematics, path, sample * length, q, self.tcp)
+            if found is None:  # The move itself says so, once it gets there.
+                break
+            for before, after, speed in zip(q, found, self._speed, strict=True):
+                if after != before:
+                    fastest = min(fastest, speed * length / abs(after - before))
+            q = found
+        return fastest if math.isfinite(fastest) else min(self._speed)
 
     def tcp_force(self) -> UrPose:
         """Return the force on the tool (N, N·m) about the flange, base frame: from the external

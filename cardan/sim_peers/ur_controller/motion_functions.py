@@ -30,6 +30,7 @@ from cardan.sim_peers.ur_controller.language import (
 )
 from cardan.sim_peers.ur_controller.motion import ArmMotion, ExternalSensor, Payload
 from cardan.sim_peers.ur_controller.operators import text
+from cardan.sim_peers.ur_controller.paths import MovejPath, MovelPath
 from cardan.sim_peers.ur_controller.values import UrPose
 from cardan.spatial import norm
 from cardan.types import Pose as Frame, Vector3
@@ -42,6 +43,10 @@ NEAR_SINGULARITY: Final = (0.05, 0.02)
 """Smallest singular values of the Jacobian at which freedrive is near a singularity, and too near
 (chosen)."""
 
+OPTIMAL_S: Final = 0.25
+"""Time in which OptiMove with a share of 1 reaches the joints' highest speed (chosen)."""
+
+_OPTIMAL: Final = {"a": 0.3, "v": 0.3, "r": 0}
 _AS_A: Final = "a"
 """The manual's default of aRot: as `a`."""
 _ACTIVE: Final = "active_tcp"
@@ -100,17 +105,33 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
             return motion.kinematics.forward(checks.joints(name, value), motion.tcp)
         return checks.frame(name, value)
 
+    def joints(name: str, value: Any) -> tuple[float, ...]:
+        """Return joints from a list of them, or from a pose."""
+        if isinstance(value, UrPose):
+            return tuple(_solved(motion, checks.frame(name, value), motion.target_q, motion.tcp))
+        return checks.joints(name, value)
+
+    def radius(r: Any) -> float:
+        return checks.not_below_zero("r", r)
+
     def movej(q: Any, a: Any, v: Any, t: Any, r: Any) -> MoveJ:
         ready()
-        if isinstance(q, UrPose):
-            goal = tuple(_solved(motion, checks.frame("q", q), motion.target_q, motion.tcp))
-        else:
-            goal = checks.joints("q", q)
-        return MoveJ(goal, *_profile(a, v, t), checks.not_below_zero("r", r))
+        return MoveJ(joints("q", q), *_profile(a, v, t), radius(r))
 
     def movel(pose: Any, a: Any, v: Any, t: Any, r: Any) -> MoveL:
         ready()
-        return MoveL(tool("pose", pose), *_profile(a, v, t), checks.not_below_zero("r", r))
+        return MoveL(tool("pose", pose), *_profile(a, v, t), radius(r))
+
+    def optimovej(goal: Any, a: Any, v: Any, r: Any) -> MoveJ:
+        ready()
+        q = joints("goal", goal)
+        return MoveJ(q, *_optimal(motion, MovejPath(motion.target_q, q), a, v), 0.0, radius(r))
+
+    def optimovel(goal: Any, a: Any, v: Any, r: Any) -> MoveL:
+        ready()
+        there = tool("goal", goal)
+        path = MovelPath(motion.kinematics.forward(motion.target_q, motion.tcp), there)
+        return MoveL(there, *_optimal(motion, path, a, v), 0.0, radius(r))
 
     def movep(pose: Any, a: Any, v: Any, r: Any) -> MoveL:
         return movel(pose, a, v, 0.0, r)
@@ -122,8 +143,8 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
             tool("pose_to", to),
             checks.above_zero("a", a),
             checks.above_zero("v", v),
-            checks.not_below_zero("r", r),
-            checks.whole("mode", mode, 0, 1) == 1,
+            radius(r),
+            checks.choice("mode", mode, 0, 1) == 1,
         )
 
     def servoj(q: Any, a: Any, v: Any, t: Any, lookahead_time: Any, gain: Any) -> ServoJ:
@@ -157,6 +178,8 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
         "movel": Function(
             ("pose", "a", "v", "t", "r"), {"a": 1.2, "v": 0.25, "t": 0, "r": 0}, movel, True
         ),
+        "optimovej": Function(("goal", "a", "v", "r"), _OPTIMAL, optimovej, True),
+        "optimovel": Function(("goal", "a", "v", "r"), _OPTIMAL, optimovel, True),
         "movep": Function(("pose", "a", "v", "r"), {"a": 1.2, "v": 0.25, "r": 0}, movep, True),
         "servoc": Function(("pose", "a", "v", "r"), {"a": 1.2, "v": 0.25, "r": 0}, movep, True),
         "movec": Function(
@@ -184,6 +207,15 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
     }
 
 
+def _optimal(motion: ArmMotion, path: MovejPath | MovelPath, a: Any, v: Any) -> tuple[float, float]:
+    """Return acceleration and speed of a move from their shares of what the joints are able to."""
+    fastest = motion.fastest_on(path)
+    return (
+        checks.share("a", a) * fastest / OPTIMAL_S,
+        checks.share("v", v) * fastest,
+    )
+
+
 def _profile(a: Any, v: Any, t: Any) -> tuple[float, float, float]:
     if checks.time(t) > 0.0:
         return checks.moderate("a", a), checks.moderate("v", v), float(t)
@@ -204,7 +236,7 @@ def _modes(motion: ArmMotion) -> Mapping[str, Function]:
                 checks.frame("task_frame", frame),
                 checks.switches("selection_vector", selection),
                 checks.vector("wrench", wrench),
-                checks.whole("type", kind, 1, 3),
+                checks.choice("type", kind, 1, 3),
                 tuple(map(abs, checks.vector("limits", limits))),
             )
         )
