@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from cardan.types import IDENTITY, Pose, Quaternion, Vector3
+from cardan.types import IDENTITY, ZERO3, Frame, Pose, Quaternion, Vector3
 
 _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to the last bit of a double."""
@@ -133,6 +133,18 @@ def turned_by(q: Quaternion, by: Vector3) -> Quaternion:
     if not 1e-12 < length < math.inf:
         raise ValueError(f"quaternion {(u, i, j, k)} has no direction")
     return tuple.__new__(Quaternion, (u / length, i / length, j / length, k / length))
+
+
+def moved(pose: Pose, linear: Vector3, angular: Vector3, dt_s: float) -> Pose:
+    """Return `pose`, in the base frame, after `dt_s` at a velocity in base axes, m/s and rad/s."""
+    (x, y, z), orientation, _ = pose
+    u, v, w = linear
+    if angular != ZERO3:
+        rx, ry, rz = angular
+        turn = tuple.__new__(Vector3, (rx * dt_s, ry * dt_s, rz * dt_s))
+        orientation = turned_by(orientation, turn)
+    position = tuple.__new__(Vector3, (x + u * dt_s, y + v * dt_s, z + w * dt_s))
+    return tuple.__new__(Pose, (position, orientation, Frame.BASE))
 
 
 def to_rotation_vector(q: Quaternion) -> Vector3:

@@ -13,7 +13,7 @@
 
 #define NONE (&_Py_NoneStruct)
 /* Of one tuple. */
-#define FLOATS_MAX 6
+#define FLOATS_MAX 9
 
 static inline PyObject *held(PyObject *object)
 {

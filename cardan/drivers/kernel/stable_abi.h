@@ -23,7 +23,7 @@ typedef struct {
 
 extern PyObject PyFloat_Type, PyTuple_Type, PyBytes_Type;
 extern PyObject _Py_NoneStruct, _Py_TrueStruct, _Py_FalseStruct;
-extern PyObject *PyExc_TypeError, *PyExc_OSError;
+extern PyObject *PyExc_TypeError, *PyExc_ValueError, *PyExc_OSError;
 
 extern void Py_IncRef(PyObject *);
 extern void Py_DecRef(PyObject *);

@@ -18,6 +18,7 @@ from cardan.spatial import (
     dot,
     is_finite,
     limit_norm,
+    moved,
     norm,
     normalized,
     rotation_between,
@@ -288,10 +289,10 @@ class TaskSpaceArm(CommandedArm):
         rates: Mapping[str, float] | None = None,
         slide: bool = True,
     ) -> float:
-        reference.move(reference.linear, reference.angular, dt_s)
+        linear, angular = reference.linear, reference.angular
         assert reference.pose is not None
-        self._pose = reference.pose
-        self._twist = _new(Twist, (reference.linear, reference.angular, _BASE))
+        self._pose = reference.pose = moved(reference.pose, linear, angular, dt_s)
+        self._twist = _new(Twist, (linear, angular, _BASE))
         return 1.0
 
     def brake(self, dt_s: float) -> None:

@@ -298,8 +298,7 @@ class JointSpaceArm(CommandedArm):
         share = servo.tick(reference.pose, twist, dt_s, joint_rates, slide=slide)
         if servo.projects and (reachable := servo.reachable) is not None:
             reference.pose = reachable
-        linear, angular = servo.twist.tolist()
-        reference.move(_new(Vector3, linear), _new(Vector3, angular), dt_s)
+        reference.pose = servo.moved(reference.pose, dt_s)
         return share
 
     def brake(self, dt_s: float) -> None:
@@ -335,7 +334,9 @@ class JointSpaceArm(CommandedArm):
         # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
         if self.kind is _JOINT:
-            positions, speeds = tuple(servo.q.tolist()), tuple(v.tolist())
+            positions, speeds = servo.targets()
+            if approaching:
+                speeds = tuple(v.tolist())
             return _new(JointCommand, (positions, speeds, (), _JOINT))
         if self.kind is CommandKind.JOINT_VELOCITY:
             v = self._velocities(None if blind else state, v, dt_s, approaching)

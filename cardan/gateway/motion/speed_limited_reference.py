@@ -27,9 +27,9 @@ from cardan.common.options import Options, require
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
     limit_norm,
+    moved,
     normalized,
     rotate,
-    turned_by,
 )
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
@@ -234,11 +234,4 @@ class Reference:
         pose = self.pose
         if pose is None:
             raise RuntimeError("the reference has not been placed")
-        (x, y, z), orientation, _ = pose
-        u, v, w = linear
-        if angular != ZERO3:
-            rx, ry, rz = angular
-            turn = _new(Vector3, (rx * dt_s, ry * dt_s, rz * dt_s))
-            orientation = turned_by(orientation, turn)
-        position = _new(Vector3, (x + u * dt_s, y + v * dt_s, z + w * dt_s))
-        self.pose = _new(Pose, (position, orientation, _BASE))
+        self.pose = moved(pose, linear, angular, dt_s)

@@ -82,13 +82,17 @@ class CompiledServo:
         self._memory: Any = _Memory.from_address(address)
         weakref.finalize(self._memory, library.kernel_destroy, self._handle).atexit = False
         self._library = library
-        held = self._handle, Pose, Vector3, Quaternion, Frame.BASE
+        held = self._handle, Pose, Vector3, Quaternion, Frame.BASE, n
         self.record_command: Callable[[float], None]
         """Take the commanded joints for those of a stamp, s, as :meth:`Servo.record_command`
         does."""
-        self._measure, self._tick, self.record_command = (
+        self.moved: Callable[[Pose, float], Pose]
+        """Return a pose after a time, s, at `twist`."""
+        self.targets: Callable[[], tuple[tuple[float, ...], tuple[float, ...]]]
+        """Return the commanded joints and their velocities."""
+        self._measure, self._tick, self.moved, self.targets, self.record_command = (
             native_call(library, f"kernel_call_{name}", *held)
-            for name in ("measure", "tick", "note")
+            for name in ("measure", "tick", "moved", "targets", "note")
         )
         self.projects = min(sum(1 for weight in weights if weight), n) < 6
         self.q = self._window("q", n)

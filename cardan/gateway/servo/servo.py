@@ -28,6 +28,7 @@ from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.response_lag import ResponseLag, farthest
 from cardan.gateway.servo.status import SLOWED, ServoStatus
 from cardan.robots import SixWeights
+from cardan.spatial import moved
 from cardan.types import Pose, Vector3
 
 TwistParts = FloatArray | tuple[Vector3, Vector3]
@@ -236,6 +237,15 @@ class Servo:
         """Set `lag_s`, the robot's normal delay behind its commands; earlier commands are
         forgotten."""
         self._lag = ResponseLag(lag_s, self.kinematics.continuous)
+
+    def moved(self, pose: Pose, dt_s: float) -> Pose:
+        """Return `pose` after `dt_s` at `twist`."""
+        linear, angular = self.twist.tolist()
+        return moved(pose, Vector3(*linear), Vector3(*angular), dt_s)
+
+    def targets(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the commanded joints and their velocities."""
+        return tuple(self.q.tolist()), tuple(self.v.tolist())
 
     def record_command(self, stamp_s: float) -> None:
         """Take the present commanded joints for those of the time `stamp_s`."""

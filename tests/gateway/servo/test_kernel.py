@@ -22,7 +22,8 @@ from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.servo import Servo
 from cardan.robots import arm_names, load_arm, parse_urdf
-from cardan.types import IDENTITY_POSE, Pose, Quaternion, Vector3
+from cardan.spatial import moved, normalized
+from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Frame, Pose, Quaternion, Vector3
 from tests import servo_oracles
 from tests.examples import ARMS_LATER
 
@@ -540,3 +541,40 @@ def test_the_iterations_of_the_worst_tick_are_counted():
     assert rows > 10
     assert servo.status().failures == 0
     assert servo.status().iterations == most
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([0.0, 1e-12, 1e-6, 0.3, 30.0]))
+def test_a_pose_is_moved_as_in_python_to_the_last_bit(seed, speed):
+    servo, rng = CompiledServo(ArmKinematics(parse_urdf(PRISMATIC))), np.random.default_rng(seed)
+    pose = Pose(
+        Vector3(*rng.normal(size=3).tolist()),
+        normalized(Quaternion(*rng.normal(size=4).tolist())),
+        Frame.BASE,
+    )
+    servo.twist[:] = speed * rng.normal(size=(2, 3))
+    linear, angular = servo.twist.tolist()
+    for _ in range(20):
+        dt_s = float(rng.choice([0.0005, 0.002, 0.008]))
+        by_python = moved(pose, Vector3(*linear), Vector3(*angular), dt_s)
+        pose = servo.moved(pose, dt_s)
+        assert pose == by_python
+        assert [type(part) for part in pose] == [Vector3, Quaternion, Frame]
+
+
+def test_a_pose_that_is_none_is_not_moved():
+    servo = CompiledServo(ArmKinematics(parse_urdf(PRISMATIC)))
+    servo.twist[:] = 0.1
+    for wrong in (None, (), (ZERO3, ZERO3, Frame.BASE), (("x", 0.0, 0.0), IDENTITY, Frame.BASE)):
+        with pytest.raises(TypeError):
+            servo.moved(wrong, 0.002)
+    with pytest.raises(ValueError, match="direction"):
+        servo.moved(Pose(ZERO3, Quaternion(0.0, 0.0, 0.0, 0.0), Frame.BASE), 0.002)
+
+
+@pytest.mark.parametrize("make", [Servo, CompiledServo])
+def test_targets_are_the_commanded_joints_and_their_velocities(make):
+    servo = make(ArmKinematics(parse_urdf(PRISMATIC)))
+    servo.place(np.array([0.1, 0.2, -0.3, 0.4]))
+    servo.move_at(np.array([0.01, -0.02, 0.03, 0.0]))
+    assert servo.targets() == ((0.1, 0.2, -0.3, 0.4), (0.01, -0.02, 0.03, 0.0))
