@@ -59,7 +59,7 @@ class ConnectionState:
         self.reason = ""
         """Reason why it is down; empty before the first attempt and while it is up."""
         self.retry_s = NEVER_S
-        self.since_s = NEVER_S
+        self.since_s: float
         self.count = 0
         """Count of connections made."""
         self._backoff_s = SHORTEST_BACKOFF_S
@@ -163,14 +163,6 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         if found:
             self._out = []
         return found
-
-    def _retry_before(self, found_s: float, advanced_s: float) -> float:
-        """Return `found_s`, or the earlier time of a connection's next attempt after
-        `advanced_s`."""
-        for link in self._links.values():
-            if found_s > link.retry_s > advanced_s and not link.up:
-                found_s = link.retry_s
-        return found_s
 
     @abstractmethod
     def received(self, channel: ChannelT, data: bytes, now_s: float) -> None:

@@ -116,10 +116,11 @@ class TwoPointMoves(Trajectory):
         period_s = now_s - self._instant_s
         self._instant_s = now_s
         # States come in pairs after a delay; a time of zero would not be a step.
-        return min(max(period_s, 1e-3), LONGEST_STEP_S)
+        self._period_s = min(max(period_s, 1e-3), LONGEST_STEP_S)
+        return self._period_s
 
-    def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
-        self._guide.step(command, period_s)
+    def command(self, command: RobotCommand, now_s: float) -> None:
+        self._guide.step(command, self._period_s)
 
     def wind_down(self) -> None:
         self._stopping = True

@@ -13,6 +13,7 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.errors import CommandError
 from cardan.protocols.simple_message.codec import WireFormat, wire
+from cardan.protocols.simple_message.codes import MotionCommand
 from cardan.protocols.simple_message.framing import ByteOrder
 from cardan.protocols.simple_message.messages import ZEROS, JointFeedback, RobotStatus, topic
 from cardan.robots import load_arm
@@ -79,6 +80,7 @@ def test_states_come_at_least_every_tenth_of_a_second():
             run.run(2.0)
             assert {state.link for state in run.states} == {RobotLink.WAITING}
             assert "refused" in run.states[-1].hold_reason
+            assert run.session.diagnosis(run.now_s)[0] == run.states[-1].hold_reason
         stamps = [state.stamp_s for state in run.states]
         gaps = [b - a for a, b in pairwise(stamps)]
         assert max(gaps) <= 0.1 + 1e-6
@@ -609,6 +611,13 @@ def test_stop_is_at_once():
     run.run(1.0)
     assert run.controller.command_rad(0) == where
     assert "stopped" in run.states[-1].hold_reason
+    run.session.stop(run.now_s)
+    ((_, sent),) = run.session.outgoing()  # In case it moves all the same.
+    assert MotionCommand.STOP_MOTION.to_bytes(4, "little") in sent
+    run.run(0.1)
+    run.unplug("state")
+    run.run(0.001)
+    assert run.states[-1].link is RobotLink.LOST
 
 
 def test_servos_and_alarms():
@@ -678,6 +687,8 @@ def test_capabilities():
     assert able.joints == 6
     assert able.lag_s == 0.4
     assert able.limits.velocity[0] == pytest.approx(0.5 * 7.9412)
+    given = MotorosOptions(velocity_rad_s=(0.5,) * 6, acceleration_rad_s2=(0.7,) * 6).limits
+    assert (given.velocity, given.acceleration) == ((0.5,) * 6, (0.7,) * 6)
 
 
 @pytest.mark.parametrize(

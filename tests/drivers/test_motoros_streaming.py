@@ -109,7 +109,7 @@ class Bench:
             period_s = self.motion.due(self.now_s)
             if period_s:
                 instants += 1
-                self.motion.command(command, period_s, self.now_s)
+                self.motion.command(command, self.now_s)
                 self.serve()
             self.now_s += step_s
         return instants
@@ -278,7 +278,7 @@ class TestPointStream:
                 swing += 1
                 speed = 0.0 if rests else 0.1 * (-1.0) ** (swing // 2)
                 command = JointVelocityCommand((speed,) + (0.0,) * 5)
-                motion.command(command, motion.nominal_s, bench.now_s)
+                motion.command(command, bench.now_s)
                 bench.serve()
             bench.now_s = max(bench.now_s + 1e-3, min(motion.next_s, bench.now_s + 1.0))
         last = bench.accepted()[-1]
@@ -414,7 +414,7 @@ class TestVelocityStream:
         before = bench.guide.reference[0]
         bench.now_s += 0.06
         period_s = bench.motion.due(bench.now_s)
-        bench.motion.command(HoldCommand(), period_s, bench.now_s)
+        bench.motion.command(HoldCommand(), bench.now_s)
         coasted = bench.guide.reference[0] - before
         assert coasted == pytest.approx(0.2 * (period_s - 0.004) + 0.2 * 0.004, abs=4e-4)
         assert bench.velocities or bench.motion.topics

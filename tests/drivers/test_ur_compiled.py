@@ -209,7 +209,7 @@ def test_what_missed_cycles_leave_is_worked_off_as_in_python():
 def test_a_usual_cycle_never_needs_the_session_in_python(monkeypatch):
     still = HoldCommand()
     bench = SessionBench(
-        answer=lambda at: JointCommand(at.joints, (0.0,) * 6) if at.ready else still
+        answer=lambda at: JointCommand(at.joints, (1e-9,) * 6) if at.ready else still
     )
     bench.ready()
     bench.run(0.02)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cardan.drivers.ur_rtde import UrRtdeOptions
-from cardan.drivers.ur_rtde.session import UrSession
+from cardan.drivers.ur_rtde.session import ANSWER_S, SLOWEST_SHARE, UrSession
 from cardan.errors import CommandError, OptionError
 from cardan.protocols.ur.primary import text_message
 from cardan.protocols.ur.program import FIRST_WAIT_S, ProgramCommand, program
@@ -89,6 +89,7 @@ def test_at_start_is_once():
     assert bench.states[-1].link is RobotLink.LIVE
     assert not bench.states[-1].ready
     assert bench.session.starts == 1
+    assert bench.session.metrics()["reconnects"] == 1.0
 
 
 def test_two_connections_are_closed_once_the_program_runs():
@@ -222,6 +223,8 @@ def test_a_place_is_reached_within_the_limits(registers):
         lambda state: JointCommand(goal),
     ).ready()
     bench.run(3.0)
+    first = 24 if registers == "upper" else 0
+    assert bench.controller.registers.input_int[first] == bench.session._token
     assert bench.controller.motion.actual_q == pytest.approx(goal, abs=1e-4)
     path = np.array([q for _, q, _ in bench.trace])
     rates = np.diff(path, axis=0) / bench.controller.period_s
@@ -430,9 +433,14 @@ def test_an_application_that_stops_during_a_gap_brakes():
 
 def test_a_lost_connection_ends_motion_and_its_program():
     bench = turning()
-    at = place(bench)
+    at, value = place(bench), bench.servers.telemetry.value
     bench.unplug("rtde")
+    # Its clock begins anew, as it may between connections.
+    bench.servers.telemetry.value = lambda name: (
+        value(name) - 50.0 if name == "timestamp" else value(name)
+    )
     bench.run(3.0)
+    assert not any("clock" in state.hold_reason for state in bench.states)
     assert not bench.controller.has_program
     assert place(bench) - at < SPEED * 0.13 + SPEED**2 / (2.0 * STOP) + 0.01
     assert bench.states[-1].link is RobotLink.LIVE
@@ -511,11 +519,14 @@ def test_a_program_that_gets_no_first_command_ends():
     assert not bench.controller.has_program
 
 
-def test_a_program_that_answers_no_more_is_noticed():
-    bench = turning()
+@pytest.mark.parametrize("slider", [1.0, 0.25])
+def test_a_program_that_answers_no_more_is_noticed(slider):
+    bench = turning(faults={"slider": slider})
     # Another client's program, which leaves the registers as they are.
     bench.controller._program = None
-    bench.run(1.0)
+    bench.run(0.8 * ANSWER_S / slider)
+    assert bench.session.enabled
+    bench.run(0.4 * ANSWER_S / slider)
     assert bench.session.phase == "idle"
     assert "does not answer" in bench.states[-1].hold_reason
 
@@ -533,6 +544,21 @@ def test_the_slider_scales_the_highest_speeds():
     assert speeds(bench)[-20:].mean() == pytest.approx(0.25, rel=0.01)
     assert speeds(bench).max() < 0.26
     assert "the speed slider is at 25 %" in bench.session.diagnosis(bench.now_s)[0]
+
+
+@pytest.mark.parametrize(
+    ("own", "fraction", "share"),
+    [(0.0, 0.5, 0.5), (0.4, 0.5, 0.2), (1.0, 0.5, 0.5), (1.5, 0.5, 0.5), (1.0, 1.5, 1.0)],
+)
+def test_the_controllers_own_scaling_counts_while_it_slows(own, fraction, share):
+    bench = SessionBench(answer=lambda state: TURN).ready()
+    value = bench.servers.telemetry.value
+    scaled = {"speed_scaling": own, "target_speed_fraction": fraction}
+    bench.servers.telemetry.value = lambda name: scaled.get(name) or value(name)
+    bench.session.feed._compiled = None
+    bench.run(0.5)
+    sent = bench.controller.registers.input_double[30]
+    assert sent == pytest.approx(SPEED / share, rel=1e-3)
 
 
 def test_a_slow_speed_is_followed_with_the_slider_down():
@@ -564,10 +590,28 @@ def test_leaving_brakes_and_ends_the_program():
     bench.session.leave(bench.now_s)
     bench.run(1.0, until=lambda: bench.session.left)
     assert bench.session.left
+    assert "the arm is brought to rest" in {state.hold_reason for state in bench.states}
     bench.run(0.2)
     assert not bench.controller.has_program
     assert np.abs(np.diff(speeds(bench, from_s))).max() / bench.controller.period_s <= 5.1
     assert abs(speeds(bench)[-1]) < 1e-6
+
+
+def test_leaving_ends_with_the_slider_down_and_says_what_else_ended_it():
+    bench = turning()
+    bench.controller.slider = 2.0 * SLOWEST_SHARE
+    bench.run(0.1)
+    bench.session.leave(bench.now_s)
+    bench.run(bench.session.braking_s + 0.4)
+    assert not bench.session.left
+    bench.run(0.3)
+    assert bench.controller.registers.input_int[26] == ProgramCommand.END
+    bench = turning()
+    bench.session.leave(bench.now_s)
+    bench.run(0.01)
+    bench.controller.stop_program()
+    bench.run(0.1)
+    assert "program was stopped at the controller" in bench.states[-1].hold_reason
 
 
 def test_disabling_and_enabling_again():
@@ -592,6 +636,8 @@ def test_a_start_that_is_left_moves_nothing():
 
 # -- silence and bad numbers -----------------------------------------------------------------------
 
+ARRAYS = ("actual_q", "target_q", "actual_qd", "target_qd")
+
 
 def test_a_silent_controller_is_lost():
     bench = turning(faults={"silent": 2.0})
@@ -600,15 +646,45 @@ def test_a_silent_controller_is_lost():
     assert "no state from 127.0.0.1:30004 for 0.1 s" in bench.states[-1].hold_reason
     late = [state.stamp_s for state in bench.states[-10:]]
     assert np.diff(late).max() < 0.1
+    assert bench.session.next_s > bench.now_s  # There is nothing to do at once, again and again.
 
 
-def test_numbers_that_no_robot_measures_are_no_state():
-    bench = turning()
-    bench.controller.motion.actual_q[0] = float("nan")
-    bench.run(0.5)
+@pytest.mark.parametrize("number", [float("nan"), 1e11])
+@pytest.mark.parametrize("name", ["timestamp", *ARRAYS, "speed_scaling", "target_speed_fraction"])
+def test_numbers_that_no_robot_measures_are_no_state(name, number):
+    bench = SessionBench().run(0.5)
+    value, wrong = bench.servers.telemetry.value, (*HOME[1:], number)
+    bench.servers.telemetry.value = lambda asked: (
+        value(asked) if asked != name else wrong if name in ARRAYS else number
+    )
+    bench.run(0.2)
     assert bench.session.protocol_errors()["implausible"] > 0
     assert bench.states[-1].link is RobotLink.LOST
-    assert "actual_q" in " ".join(bench.session.diagnosis(bench.now_s))
+    assert name in " ".join(bench.session.diagnosis(bench.now_s))
+
+
+@pytest.mark.parametrize(
+    ("accepts", "words"),
+    [(b"\0\4V\1", "no RTDE of version 2"), (b"\0\4S\1", "does not begin to send states")],
+)
+def test_a_controller_that_refuses_to_begin(accepts, words):
+    bench = SessionBench()
+    received = bench.session.received
+    bench.session.received = lambda channel, data, now_s: received(
+        channel, data.replace(accepts, accepts[:3] + b"\0"), now_s
+    )
+    bench.run(0.5)
+    assert words in bench.states[-1].hold_reason
+
+
+def test_replies_may_come_byte_by_byte():
+    bench = SessionBench()
+    received = bench.session.received
+    bench.session.received = lambda channel, data, now_s: [
+        received(channel, data[n : n + 1], now_s) for n in range(len(data))
+    ]
+    bench.run(0.5)
+    assert bench.states[-1].link is RobotLink.LIVE
 
 
 @pytest.mark.parametrize(
@@ -728,6 +804,8 @@ def test_an_arm_that_is_off_its_target_for_good_ends_motion():
     assert "0.3" in bench.states[-1].hold_reason
     assert "from its target" in bench.states[-1].hold_reason
     assert not bench.session.enabled
+    assert bench.session.metrics()["ends"] == 1.0
+    assert bench.controller.registers.input_int[26] == ProgramCommand.END
 
 
 def test_a_wrong_clock_is_said_and_is_not_enabled_with():

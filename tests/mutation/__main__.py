@@ -37,7 +37,7 @@ from typing import TypeVar
 
 import pytest
 
-from tests.mutation.areas import AREAS, NO_SURVIVORS, TESTS, equivalents
+from tests.mutation.areas import AREAS, MATRIX, NO_SURVIVORS, TESTS, equivalents
 from tests.mutation.mutants import ROOT, Mutant, instrumented, mutants_of, mutated
 
 PREPARED = (
@@ -57,7 +57,7 @@ MEMORY_BYTES = 4 << 30
 """More than this is refused to the tests of a mutant."""
 
 OPTIONS = (
-    *("-q", "-o", "addopts=", "--strict-markers", "--part", "computing", "--tb", "native"),
+    *("-q", "-o", "addopts=", "--strict-markers", "--tb", "native"),
     *("-p", "no:cacheprovider", "-p", "no:xdist"),
 )
 
@@ -66,7 +66,23 @@ Tried = TypeVar("Tried", str, int)
 
 
 class Profile:
-    """Plug-in: the same examples for each mutant, and no search for the smallest that fails."""
+    """Plug-in: tests that compute, and those of MATRIX; the same examples for each mutant, and no
+    search for the smallest that fails."""
+
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        from conftest import ALL_MATRIX  # Loaded by pytest.
+
+        if collection_path.is_dir() or str(collection_path.relative_to(ROOT)) in MATRIX:
+            return None
+        return True if ALL_MATRIX.search(collection_path.read_text(encoding="utf-8")) else None
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        from conftest import part_of
+
+        parts = {str(ROOT / name): ("computing", "matrix") for name in MATRIX}
+        items[:] = [
+            each for each in items if part_of(each) in parts.get(str(each.path), ("computing",))
+        ]
 
     @pytest.hookimpl(trylast=True)
     def pytest_configure(self) -> None:

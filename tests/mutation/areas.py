@@ -60,6 +60,14 @@ TESTS: dict[str, tuple[str, ...]] = {
 """Where the tests of files are that begin so; the first that fits. Of them, each mutant has those
 run that run its statement."""
 
+MATRIX = (
+    "tests/drivers/test_egm_limits.py",
+    "tests/drivers/test_sim_arm.py",
+    "tests/drivers/test_spacemouse_transport.py",
+    "tests/drivers/test_ur_session.py",
+)
+"""Files of `TESTS` whose tests in the matrix are in virtual time, and are run for mutants, too."""
+
 _EQUIVALENT = Path(__file__).with_name("equivalent.json")
 
 

@@ -42,31 +42,26 @@ class StateFeed:
         self.byte_order: ByteOrder | None = options.known_byte_order
         """The controller's byte order; None until it was learned."""
         self.status: RobotStatus | None = None
-        self.status_s = NEVER_S
         self.statuses = 0
         self.positions: tuple[float, ...] = ()
         """rad, base to tool."""
         self.velocities: tuple[float, ...] = ()
         """Joint velocities, rad/s; empty if they are not sent or not trusted."""
-        self.feedback_s = NEVER_S
         self.feedbacks = 0
         self.other_axis = 0
         """Axis, counted from 1, that the arm does not have and that is not at zero; 0: none."""
-        self.failure = ""
         self.ignored: Counter[str] = Counter()
         """Messages without effect, by reason."""
         self._group = options.group
         self._known = options.known_byte_order
         self._trust_velocity = options.trust_velocity
         self._timeout_s = options.state_timeout_s
-        self._reader = FrameReader(self._known, LONGEST_PREFIX_OF_MOTOROS)
-        self._wire: WireFormat | None = None
-        self._bad = 0
+        self.connected()
 
     def connected(self) -> None:
         """Begin a new connection."""
         self._reader = FrameReader(self._known, LONGEST_PREFIX_OF_MOTOROS)
-        self._wire = None
+        self._wire: WireFormat | None = None
         self._bad = 0
         self.failure = ""
         self.disconnected()

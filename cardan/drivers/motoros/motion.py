@@ -178,7 +178,7 @@ class MotorosMotion(ABC):
         """Return the time since the previous control instant when one has come, else 0."""
 
     @abstractmethod
-    def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
+    def command(self, command: RobotCommand, now_s: float) -> None:
         """Answer the control instant. Raises CommandError for an invalid command; nothing is sent
         then."""
 

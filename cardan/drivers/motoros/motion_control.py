@@ -254,9 +254,6 @@ class MotionControl:
                 # The status alone does not distinguish HOLD from a stopped job or a collaborative
                 # stop.
                 self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learned)
-            return
-        motion.advance(now_s)
-        self.proceed(now_s)
 
     def _hold(self, motion: MotorosMotion, now_s: float) -> None:
         """Command zero speed at a control instant without a command from the application."""
@@ -264,7 +261,7 @@ class MotionControl:
         # A stream at rest may run out.
         over = self.phase is MotionPhase.BRAKING and motion.at_rest and not motion.feeds_at_rest
         if period_s and not over:
-            motion.command(HoldCommand(), period_s, now_s)
+            motion.command(HoldCommand(), now_s)
 
     def proceed(self, now_s: float) -> None:
         """React to a motion that has ended or come to rest."""

@@ -59,10 +59,8 @@ class MotorosSession(TcpSession[Channel, Task]):
         self._statuses = 0
         self._checked_statuses = 0
         self._recorded = 0
-        self._advanced_s = NEVER_S
         self._instant_s = NEVER_S
         self._instant_session = 0
-        self._period_s = 0.0
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -130,7 +128,6 @@ class MotorosSession(TcpSession[Channel, Task]):
             return
         self.feed.disconnected()
         self.control.brake(f"the state connection was lost: {reason}", now_s)
-        self._send_topics()
 
     def received(self, channel: Channel, data: bytes, now_s: float) -> None:
         if not self._links[channel].up:
@@ -180,13 +177,10 @@ class MotorosSession(TcpSession[Channel, Task]):
     @property
     def next_s(self) -> float:
         found = min(self.control.next_s, self._said_s + WAKE_S)
-        if self._said_link is RobotLink.LIVE:
-            found = min(found, self.feed.stale_s)
-        return self._retry_before(found, self._advanced_s)
+        return min(found, self.feed.stale_s) if self._said_link is RobotLink.LIVE else found
 
     def advance(self, now_s: float) -> None:
         """Do what is due: timeouts, polls, points, ramps."""
-        self._advanced_s = now_s
         self.control.advance(now_s)
         if self.control.failure:
             self._drop("motion", self.control.failure, now_s)
@@ -252,7 +246,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         if motion is not None and self.phase is MotionPhase.MOVING and not motion.waiting:
             period_s = motion.due(now_s)
             if period_s:
-                self._period_s = period_s
                 self.control.reply_pending = True
                 if self._instant_session != self.sessions:
                     self._instant_session = self.sessions
@@ -295,7 +288,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         motion = self.control.motion
         if not self.control.reply_pending or motion is None:
             return
-        motion.command(command, self._period_s, now_s)
+        motion.command(command, now_s)
         self.control.reply_pending = False
         self.control.proceed(now_s)
         self._flush(now_s)

@@ -101,7 +101,7 @@ class PointStream(Trajectory):
     def due(self, now_s: float) -> float:
         return self.nominal_s if self._phase is _Phase.INSTANT else 0.0
 
-    def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
+    def command(self, command: RobotCommand, now_s: float) -> None:
         if self._phase is not _Phase.INSTANT:
             return
         if self._moving_at_send and now_s > self._empty_s:
@@ -152,7 +152,6 @@ class PointStream(Trajectory):
             )
             return
         self._guide.reset(tuple(self._guide.reference))
-        self._moving_at_send = False
         self._phase = _Phase.RESTING
         self._wait_for_rest("the stream had run empty, a new one is being begun", now_s)
 

@@ -153,7 +153,7 @@ class VelocityStream(MotorosMotion):
         self.next_s = self._deadline_s
         return self._missed_s + self.nominal_s
 
-    def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
+    def command(self, command: RobotCommand, now_s: float) -> None:
         guide = self._guide
         if self._missed_s:
             # Meanwhile the controller has continued at its last speeds.

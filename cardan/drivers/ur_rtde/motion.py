@@ -31,8 +31,6 @@ class UrMotion:
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         self._answered_s: float | None = None
         """Time of the last answered state."""
-        self.missed = 0
-        """Count of cycles without a command."""
 
     @property
     def moving(self) -> bool:
@@ -87,7 +85,6 @@ class UrMotion:
             if passed_s > _SAME_CYCLE * period_s:
                 # The program has continued at its last commanded speeds.
                 gap_s = passed_s - period_s
-                self.missed += round(gap_s / period_s)
                 self._limiter.coast(gap_s * scale)
                 self._lost.passed(gap_s)
         if isinstance(command, JointCommand):

@@ -118,7 +118,6 @@ class UrSession(TcpSession[Channel, Task]):
         self._unlocks = self._ended = False
         self._at_start = options.enable == "at-start"
         self._reported_packages = 0
-        self._counted_s = NEVER_S
         self._before_s: float | None = None
         """Agreed time of the last returned state."""
         self._answered = (0, 0.0)
@@ -206,7 +205,6 @@ class UrSession(TcpSession[Channel, Task]):
                 self._out.append(("dashboard", request(UNLOCK_PROTECTIVE_STOP)))
         else:
             self._packages = PackageReader()
-        self._go_on(now_s)
 
     def connect_failed(self, channel: Channel, reason: str, now_s: float) -> None:
         super().connect_failed(channel, reason, now_s)
@@ -325,7 +323,6 @@ class UrSession(TcpSession[Channel, Task]):
                 return
         if self._lines.failure:
             self._drop("dashboard", self._lines.failure, now_s)
-        self._go_on(now_s)
 
     def _received_packages(self, data: bytes, now_s: float) -> None:
         self._packages.feed(data)
@@ -335,7 +332,6 @@ class UrSession(TcpSession[Channel, Task]):
                 self._take_message(message)
         if self._packages.failure:
             self._drop("primary", self._packages.failure, now_s)
-        self._go_on(now_s)
 
     def _take_message(self, message: RobotMessage) -> None:
         # Any program or URCap may send text by `textmsg`: it does not show that ours was not
@@ -360,8 +356,6 @@ class UrSession(TcpSession[Channel, Task]):
             if self._at_start:
                 self._at_start = False
                 self._enable(now_s)
-        if self.phase == "starting":
-            self._go_on(now_s)
 
     def _watch(self, values: Package, motion: UrMotion, now_s: float) -> None:
         """Check whether the program still runs and obeys."""
@@ -537,14 +531,11 @@ class UrSession(TcpSession[Channel, Task]):
             found = feed.next_s
         if self._said_link is _LIVE and feed.heard_s + self._blind_s < found:
             found = feed.heard_s + self._blind_s
-        if self._motion is not None:
-            return found
         if self._starting is not None:
             found = min(found, self._starting.deadline_s)
-        return self._retry_before(found, self._counted_s)
+        return found
 
     def advance(self, now_s: float) -> None:
-        self._counted_s = now_s
         feed = self.feed
         if now_s >= feed.next_s and self._links["rtde"].up:
             feed.advance(now_s)
