@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from cardan.bus import discovery
 from cardan.bus.options import BusOptions
-from cardan.cli import app
+from cardan.cli import app, bus
 from cardan.cli.daemon import checked
 from cardan.cli.server import check_words, server
 from cardan.common.options import CODE_ONLY, Options
@@ -214,6 +214,7 @@ SOMEBODY = discovery.Discovery(
 
 
 def test_the_network_is_printed_to_be_copied(monkeypatch):
+    monkeypatch.setattr(bus, "met_here", lambda options: options)  # Whatever routers run here.
     monkeypatch.setattr(discovery, "discover", lambda _options: SOMEBODY)
     assert said("net", "list", program=app).splitlines() == [
         "node     /arm/server",
