@@ -287,6 +287,25 @@ def test_movec_stays_on_its_circle(mode, arm):
     assert arm.tips[-1] == pytest.approx(start + np.array([0.0, 0.2, 0.0]), abs=1e-9)
 
 
+def test_a_speed_for_a_time_needs_no_acceleration_and_hardly_a_time(arm):
+    motion = arm.motion
+    speeds = {
+        "speedj": ([0.1, 0, 0, 0, 0, 0], lambda: motion.target_qd),
+        "speedl": ([0, 0, 0.02, 0, 0, 0], motion.target_tcp_speed),
+    }
+    for name, (speed, speed_now) in speeds.items():
+        arm.do(name, speed, 1.0)
+        for a, t in ((0.0, 0.002), (0, 0.1), (1e-14, 0.002), (1.0, 1e-15)):
+            assert arm.do(name, speed, a, t) == pytest.approx(max(t, arm.dt_s))
+        assert list(speed_now()) == pytest.approx(speed, abs=1e-3)
+        arm.do(name, [0] * 6, 0.0, 0.002)
+        assert motion.moving
+        for a, t in ((0.0, 0.0), (-1.0, 0.1), (1.0, -1e-15)):
+            with pytest.raises(ValueError, match=r"(a|t) is .*(not above|below) 0"):
+                arm.call(name, speed, a, t)
+        arm.do("stopj", 2.0)
+
+
 def test_optimal_moves_take_shares_of_what_the_joints_are_able_to(arm):
     speeds = load_arm("ur5e").velocity
     goal = (HOME[0] + 2.0, *HOME[1:5], HOME[5] + 1.0)

@@ -159,14 +159,14 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
 
     def speedj(qd: Any, a: Any, t: Any, t_min: Any) -> SpeedJ:
         ready()
-        time_s = checks.time(t) or checks.time(t_min)
-        return SpeedJ(checks.joints("qd", qd), checks.above_zero("a", a), time_s)
+        return SpeedJ(checks.joints("qd", qd), *_changing(a, t, t_min))
 
     def speedl(xd: Any, a: Any, t: Any, a_rot: Any, t_min: Any) -> SpeedL:
         ready()
         speeds = checks.vector("xd", xd)
-        time_s = checks.time(t) or checks.time(t_min)
-        return SpeedL(speeds, checks.above_zero("a", a), _turning(a, a_rot), time_s)
+        change, time_s = _changing(a, t, t_min)
+        turning = change if a_rot == _AS_A else checks.above_zero("aRot", a_rot)
+        return SpeedL(speeds, change, turning, time_s)
 
     def stopl(a: Any, a_rot: Any) -> StopL:
         return StopL(checks.above_zero("a", a), _turning(a, a_rot))
@@ -220,6 +220,13 @@ def _profile(a: Any, v: Any, t: Any) -> tuple[float, float, float]:
     if checks.time(t) > 0.0:
         return checks.moderate("a", a), checks.moderate("v", v), float(t)
     return checks.above_zero("a", a), checks.above_zero("v", v), 0.0
+
+
+def _changing(a: Any, t: Any, t_min: Any) -> tuple[float, float]:
+    """Return acceleration and time of a speed. With a time, the acceleration may be 0, and the time
+    as short as it likes: UR's external control computes both, and has them from rounding errors."""
+    time_s = checks.not_below_zero("t", t) or checks.not_below_zero("t_min", t_min)
+    return (checks.not_below_zero if time_s else checks.above_zero)("a", a), time_s
 
 
 def _turning(a: Any, a_rot: Any) -> float:
