@@ -51,6 +51,8 @@ extern PyObject *PyUnicode_FromString(const char *);
 extern const char *PyUnicode_AsUTF8AndSize(PyObject *, Py_ssize_t *);
 extern PyObject *PyList_GetItem(PyObject *, Py_ssize_t); /* borrowed */
 extern int PyList_SetItem(PyObject *, Py_ssize_t, PyObject *); /* takes the reference over */
+extern Py_ssize_t PySequence_Size(PyObject *);
+extern PyObject *PySequence_GetItem(PyObject *, Py_ssize_t);
 extern PyObject *PyTuple_New(Py_ssize_t);
 extern Py_ssize_t PyTuple_Size(PyObject *);
 extern PyObject *PyTuple_GetItem(PyObject *, Py_ssize_t); /* borrowed */

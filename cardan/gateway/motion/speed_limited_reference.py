@@ -221,8 +221,13 @@ class Reference:
             confined = within_walls(self.linear, linear, *bounds, hardest * dt_s, share * dt_s)
             self.linear = Vector3(*confined)
         else:
-            self.linear = towards(self.linear, linear, hardest * dt_s)
-        self.angular = towards(self.angular, angular, limits.angular_acceleration_rad_s2 * dt_s)
+            if linear != self.linear:
+                linear = towards(self.linear, linear, hardest * dt_s)
+            self.linear = linear
+        if angular != self.angular:
+            hardest = limits.angular_acceleration_rad_s2
+            angular = towards(self.angular, angular, hardest * dt_s)
+        self.angular = angular
         if not smooth:
             if self._smooth_linear is not None:
                 self._smooth_linear.reset(self.linear)

@@ -23,6 +23,7 @@ from cardan.errors import ConfigurationError
 from cardan.spatial import from_rpy_deg, rotate
 from cardan.types import (
     ZERO3,
+    ZERO_TWIST,
     ButtonEvent,
     DeviceLink,
     DeviceState,
@@ -281,18 +282,25 @@ class TwistMapping:
         """True if some axes drive joints."""
         self.follows_pose = options.mode is not Mode.RATE
         """True if the device's pose moves the TCP, and its deflections mean nothing."""
+        self._last: tuple[Sequence[float] | None, Twist] = None, ZERO_TWIST
+        """Deflections of the last twist, which stay the same object between two reports."""
         self._gripper_buttons = (gripper or GripperOptions()).buttons
         self.gripper_closed = False
 
     def twist(self, axes: Sequence[float]) -> Twist:
         """Return the twist of six deflections, along the axes of `options.frame`."""
+        last, twist = self._last
+        if axes is last and type(axes) is tuple:
+            return twist
         x, y, z, rx, ry, rz = map(mul, self._sources(axes), self._gains)
         linear = tuple.__new__(Vector3, (x, y, z))
         angular = tuple.__new__(Vector3, (rx, ry, rz))
         if self._turned:
             linear = rotate(self._yaw, linear)
             angular = rotate(self._yaw, angular) if self._turned_angular else angular
-        return tuple.__new__(Twist, (linear, angular, self.options.frame))
+        twist = tuple.__new__(Twist, (linear, angular, self.options.frame))
+        self._last = axes, twist
+        return twist
 
     def joint_rates(self, axes: Sequence[float]) -> dict[str, float]:
         """Return the wanted speeds of joints by name, rad/s or m/s."""

@@ -32,7 +32,6 @@ from cardan.robots import Capsule, JointKind, OrientedBox, SixWeights
 from cardan.spatial import norm, subtract
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
-_pack_goal = struct.Struct("13d").pack_into
 _unpack_pose = struct.Struct("7d").unpack_from
 
 _SPHERE_M = 1e-9
@@ -104,7 +103,6 @@ class CompiledServo:
         self._joint_rate = layout.CState.joint_rate.offset
         self._goal_joints = layout.CState.goal_joints.offset
         self._goal_rate = layout.CState.goal_rate.offset
-        self._numbers = layout.CState.goal_position.offset
         self._pose_joints = layout.CState.pose_joints.offset
         self._pose_position = layout.CState.pose_position.offset
         self._reachable = layout.CState.reachable_position.offset
@@ -208,8 +206,7 @@ class CompiledServo:
         """Return the measured TCP and the joints' error, as :meth:`Servo.measure` does."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
-        self._pack_joints(self._memory, self._pose_joints, *joints)
-        found: tuple[Pose, float, int] = self._measure()
+        found: tuple[Pose, float, int] = self._measure(joints)
         return found
 
     def expected(self, joints: Sequence[float]) -> FloatArray:
@@ -285,18 +282,15 @@ class CompiledServo:
         brakes."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
-        linear, angular = twist
-        try:
-            _pack_goal(
-                self._memory, self._numbers, *goal.position, *goal.orientation, *linear, *angular
-            )
-        except struct.error as error:
-            raise ValueError(f"{goal} and {twist} are no pose and 2×3 numbers: {error}") from None
         flags = layout.SLIDE if slide else 0
         if joint_rate is not None:
             self._write("joint rates", self._joint_rate, joint_rate)
             flags |= layout.WITH_RATE
-        share: float = self._tick(dt_s, flags)
+        linear, angular = twist
+        try:
+            share: float = self._tick(goal, linear, angular, dt_s, flags)
+        except TypeError as error:
+            raise ValueError(f"{goal} and {twist} are no pose and 2×3 numbers: {error}") from None
         return share
 
     def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:

@@ -234,3 +234,13 @@ def test_options_that_do_not_go_together_are_refused(key, known):
 )
 def test_options_that_go_together_are_taken(known):
     assert TwistMapping(MappingOptions(**known)).options.mode is known.get("mode", Mode.RATE)
+
+
+def test_deflections_that_are_changed_in_place_give_another_twist():
+    mapping, axes = TwistMapping(MappingOptions()), [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    before = mapping.twist(axes)
+    axes[0] = 0.0
+    assert mapping.twist(axes).linear.x == 0.0 != before.linear.x
+    still = tuple(axes)
+    assert mapping.twist(still) is mapping.twist(still)
+    assert mapping.twist(still) == mapping.twist(axes)

@@ -4,11 +4,13 @@
 #include "internal.h"
 #include "vectors.h"
 
-/* How far that joint is away which is farthest, and which it is: the first of those alike. */
-static double farthest(const Kernel *kernel, const double *place, const double *other, int *joint)
+/* How far that joint is away which is farthest, and which it is: the first of those alike; or the
+ * first that is `enough` away. */
+static double farthest(const Kernel *kernel, const double *place, const double *other,
+                       double enough, int *joint)
 {
     double most = -1.0;
-    for (int i = 0; i < kernel->n; i++) {
+    for (int i = 0; i < kernel->n && most < enough; i++) {
         double way = fabs(place[i] - other[i]);
         if (way > M_PI && kernel->past.turns >> i & 1)
             way = fabs(remainder(way, 2.0 * M_PI));
@@ -51,14 +53,14 @@ static void catch_up(Kernel *kernel, double *joints)
     Past *past = &kernel->past;
     const double *commanded = kernel->state.q, *nearest = commanded;
     int joint = 0;
-    double least = farthest(kernel, commanded, joints, &joint);
-    double last = farthest(kernel, past->rows[past->nearest], joints, &joint);
+    double least = farthest(kernel, commanded, joints, INFINITY, &joint);
+    double last = farthest(kernel, past->rows[past->nearest], joints, least, &joint);
     if (last < least) {
         least = last;
         nearest = past->rows[past->nearest];
     }
     for (int i = 0; i < PAST_ROWS; i++) {
-        double away = farthest(kernel, past->rows[i], joints, &joint);
+        double away = farthest(kernel, past->rows[i], joints, least, &joint);
         if (away < least) {
             least = away;
             past->nearest = i;
@@ -77,6 +79,6 @@ int32_t kernel_measure(Kernel *kernel)
     if (kernel->past.filled)
         catch_up(kernel, state->pose_joints);
     kernel_pose_at(kernel);
-    state->joint_error = farthest(kernel, state->q, state->pose_joints, &joint);
+    state->joint_error = farthest(kernel, state->q, state->pose_joints, INFINITY, &joint);
     return joint;
 }

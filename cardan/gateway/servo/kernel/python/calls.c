@@ -14,20 +14,40 @@ static Kernel *kernel_of(PyObject *self)
     return (Kernel *)(intptr_t)PyLong_AsLongLong(PyTuple_GetItem(self, KERNEL));
 }
 
+static int joints_of(PyObject *self)
+{
+    return (int)PyLong_AsLongLong(PyTuple_GetItem(self, JOINTS));
+}
+
 static PyObject *misused(void)
 {
     if (!PyErr_Occurred())
-        PyErr_SetString(PyExc_TypeError, "a wrong number of arguments");
+        PyErr_SetString(PyExc_TypeError, "a wrong number of arguments, or of numbers in one");
     return NULL;
 }
 
-/* (): of the robot at pose_joints its TCP, how far the joint that is farthest is away, and which */
+/* The numbers of a sequence of `count`; false, with an error, for anything else. */
+static bool read_numbers(PyObject *object, int count, double *into)
+{
+    if (PySequence_Size(object) != count)
+        return false;
+    for (int i = 0; i < count; i++) {
+        PyObject *item = PySequence_GetItem(object, i);
+        if (!item)
+            return false;
+        into[i] = PyFloat_AsDouble(item);
+        Py_DecRef(item);
+    }
+    return !PyErr_Occurred();
+}
+
+/* (joints): of the robot there its TCP, how far the joint that is farthest is away, and which */
 static PyObject *measure(PyObject *self, PyObject *const *given, Py_ssize_t count)
 {
-    if (count)
-        return misused();
     Kernel *kernel = kernel_of(self);
     KernelState *state = kernel_state(kernel);
+    if (count != 1 || !read_numbers(given[0], joints_of(self), state->pose_joints))
+        return misused();
     int32_t joint = kernel_measure(kernel);
     PyObject *parts[] = {
         named(PyTuple_GetItem(self, VECTOR), floats_tuple(state->pose_position, 3)),
@@ -42,24 +62,19 @@ static PyObject *measure(PyObject *self, PyObject *const *given, Py_ssize_t coun
     return tuple_of(3, found);
 }
 
-/* (dt_s, flags): the path speed */
+/* (pose, linear, angular, dt_s, flags): the path speed */
 static PyObject *tick(PyObject *self, PyObject *const *given, Py_ssize_t count)
 {
-    double dt_s = count == 2 ? PyFloat_AsDouble(given[0]) : 0.0;
-    int32_t flags = count == 2 ? (int32_t)PyLong_AsLongLong(given[1]) : 0;
-    if (count != 2 || PyErr_Occurred())
+    KernelState *state = kernel_state(kernel_of(self));
+    double dt_s = count == 5 ? PyFloat_AsDouble(given[3]) : 0.0;
+    int32_t flags = count == 5 ? (int32_t)PyLong_AsLongLong(given[4]) : 0;
+    if (count != 5 || PyErr_Occurred() || !is_tuple(given[0], 3) ||
+        !read_numbers(PyTuple_GetItem(given[0], 0), 3, state->goal_position) ||
+        !read_numbers(PyTuple_GetItem(given[0], 1), 4, state->goal_orientation) ||
+        !read_numbers(given[1], 3, state->goal_twist) ||
+        !read_numbers(given[2], 3, state->goal_twist + 3))
         return misused();
     return PyFloat_FromDouble(kernel_tick(kernel_of(self), dt_s, flags));
-}
-
-/* A tuple of numbers; false, with an error, for anything else. */
-static bool read_numbers(PyObject *object, int count, double *into)
-{
-    if (!is_tuple(object, count))
-        return false;
-    for (int i = 0; i < count; i++)
-        into[i] = PyFloat_AsDouble(PyTuple_GetItem(object, i));
-    return !PyErr_Occurred();
 }
 
 /* (pose, dt_s): the pose after that time at the twist of the last tick; cardan.spatial.moved has the
@@ -112,7 +127,7 @@ static PyObject *targets(PyObject *self, PyObject *const *given, Py_ssize_t coun
     if (count)
         return misused();
     const KernelState *state = kernel_state(kernel_of(self));
-    int joints = (int)PyLong_AsLongLong(PyTuple_GetItem(self, JOINTS));
+    int joints = joints_of(self);
     PyObject *found[] = {floats_tuple(state->q, joints), floats_tuple(state->v, joints)};
     return tuple_of(2, found);
 }
