@@ -27,7 +27,7 @@ from cardan.gateway.session.subprocesses import cardan_subprocess
 from studies.cartesian.controller import START, datagram, obeyed
 
 SECONDS = 12.0
-SAMPLES_KEPT = 100_000
+MAX_SAMPLES = 100_000
 INTERPRETED = "session with model, nothing compiled"
 """As it is where no C compiler was: servo, reading and answering in Python."""
 SITUATIONS = {
@@ -112,7 +112,7 @@ def run_session(path: str, *flags: str) -> None:
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     session.run(SECONDS)
     share = (time.process_time() - start_cpu_s) / (time.monotonic() - start_s)
-    samples = {label: values[-SAMPLES_KEPT:] for label, values in retained.items() if values}
+    samples = {label: values[-MAX_SAMPLES:] for label, values in retained.items() if values}
     print(json.dumps({"cpu": share, "cycles": session.snapshot.loop.cycles, "samples": samples}))
 
 

@@ -435,7 +435,7 @@ def shared(
     """``cardan devices share``, of the mouse, by the options `way`; `at`: before the command."""
     config = folder / "operator.toml"
     config.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{mouse}"\n')
-    words = ("devices", "share", str(config), *way, "--name", "hand")
+    words = ("devices", "share", str(config), *way, "--name", "mouse")
     command = CardanSubprocess(*words, at=at)
     try:
         yield command
@@ -445,7 +445,7 @@ def shared(
 
 def remote(router: str, more: str = "") -> str:
     """The keys of a session's [device]."""
-    return f'driver = "remote"\nrouter = "{router}"\ndevice = "hand"\n{more}'
+    return f'driver = "remote"\nrouter = "{router}"\ndevice = "mouse"\n{more}'
 
 
 def measure_speed(acts: int) -> Figures:

@@ -22,7 +22,7 @@ from fuzz.corpus import input_of, line_of, stored
 from fuzz.mutate import Mutator
 from fuzz.target import HangError, Input, Target, Watch, cpu_s, packets_of, size_of, tried
 
-MOST_KEPT = 512
+MAX_INPUTS = 512
 """Inputs with outcomes of their own that are damaged further in one run."""
 
 ROOM_BYTES = 768 << 20
@@ -88,7 +88,7 @@ def run(target: Target, seed: str, inputs: int, seconds: float = float("inf")) -
             known = len(seen)
             _try(target, given, outcome, seen, places)
             watch.count += 1
-            if len(seen) > known and len(seen) < MOST_KEPT and size_of(given) < 8192:
+            if len(seen) > known and len(seen) < MAX_INPUTS and size_of(given) < 8192:
                 mutator.population.append(given)
             if len(outcome.findings) >= MOST_FINDINGS:
                 break

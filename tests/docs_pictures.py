@@ -21,7 +21,7 @@ SECONDS = 40.0
 
 
 def main() -> None:
-    """Use the page, and keep its pictures."""
+    """Use the page, and store those of its pictures that pages show."""
     browser = find_chromium()
     if browser is None:
         sys.exit("no Chromium is installed: tools/debian-packages judges")
@@ -30,6 +30,8 @@ def main() -> None:
         if problems:
             sys.exit("\n".join(problems))
         for path in sorted(Path(folder).glob("console-*.png")):
+            if not (FOLDER / path.name).exists():
+                continue
             with Image.open(path) as picture:
                 plain = picture.convert("RGB").quantize(
                     COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE

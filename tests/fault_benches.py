@@ -25,7 +25,7 @@ from cardan.drivers.motoros import Motoros, MotorosOptions
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.ros2_arm import Ros2Arm
 from cardan.drivers.ros2_arm.session import STATE_TYPE
-from cardan.drivers.ros2_arm.transport import STATES_KEPT
+from cardan.drivers.ros2_arm.transport import MAX_STATES
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.drivers.ur_rtde import UrRtde, UrRtdeOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -624,7 +624,7 @@ class Ros2Bench(_Datagrams):
     def deliver(self, data: Any) -> None:
         if isinstance(data, bytes):
             data = received(data, 1, 9)
-        if len(self.queue) == STATES_KEPT:
+        if len(self.queue) == MAX_STATES:
             self.queue.popleft()
         self.queue.append((data, self.SOURCE))
 

@@ -167,7 +167,9 @@ GONE_WORDS = (
 """Words of identifiers, likewise."""
 GONE_ARGUMENTS = {"seen", "judge", "act", "acts"}
 """Names of arguments and functions in suites, likewise; elsewhere they have another meaning."""
-GONE_EVERYWHERE = re.compile(r"_?(?:\w+_)?(?:rigs?|told)|_?kept|\w*Rig|_?Told|_?Kept|_?judge_\w+")
+GONE_EVERYWHERE = re.compile(
+    r"_?(?:\w+_)?(?:rigs?|(?:un)?told)|_?kept|\w*Rig|_?Told|_?Kept|_?judge_\w+|_?(?:\w+_)?KEPT(?:_\w+)?"
+)
 """Identifiers and names of modules, likewise, in all Python of the tree."""
 MEANT_OTHERWISE = {
     ("tests/sweep/operators.py", "judge_node"): "another implementation, which judges ours",

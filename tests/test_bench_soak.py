@@ -45,7 +45,7 @@ class Bench:
 
     def __init__(self):
         self.broken = []
-        self.arm = ArmRules("arm", frozenset({"hand", "verbs"}), self.broken.append)
+        self.arm = ArmRules("arm", frozenset({"device", "verbs"}), self.broken.append)
         self.now_s = 1000.0
         self.pid = 1
         self.authority, self.phase = "", "disarmed"
@@ -78,9 +78,9 @@ def bench():
 
 
 def test_a_motion_that_was_asked_for_is_fine(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.lasts(10.0, FAST)
-    bench.is_left("hand")
+    bench.is_left("device")
     bench.phase = "braking"
     bench.lasts(AT_REST_S - 0.5, FAST)
     bench.phase = "disarmed"
@@ -91,9 +91,9 @@ def test_a_motion_that_was_asked_for_is_fine(bench):
 
 
 def test_an_arm_that_goes_on_after_the_last_one_asked_breaks_a_rule_once(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.lasts(2.0, FAST)
-    bench.arm.lets_go("hand", bench.now_s)
+    bench.arm.lets_go("device", bench.now_s)
     bench.lasts(AT_REST_S - 0.2, FAST)
     assert bench.rules == []
     bench.lasts(5.0, FAST)
@@ -104,10 +104,10 @@ def test_an_arm_that_goes_on_after_the_last_one_asked_breaks_a_rule_once(bench):
 
 
 def test_two_who_ask_are_both_waited_for(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.arm.asks("verbs", bench.now_s)
     bench.lasts(1.0, FAST)
-    bench.arm.lets_go("hand", bench.now_s)
+    bench.arm.lets_go("device", bench.now_s)
     bench.lasts(2 * AT_REST_S, FAST)
     assert bench.rules == []
     bench.arm.void(bench.now_s)
@@ -116,7 +116,7 @@ def test_two_who_ask_are_both_waited_for(bench):
 
 
 def test_a_motion_without_authority_breaks_a_rule(bench):
-    bench.arm.asks("hand", bench.now_s)
+    bench.arm.asks("device", bench.now_s)
     bench.lasts(REPORT_S - 0.2, FAST)
     assert bench.rules == []  # The session's reports may be late.
     bench.lasts(REPORT_S, FAST)
@@ -124,21 +124,21 @@ def test_a_motion_without_authority_breaks_a_rule(bench):
 
 
 def test_braking_needs_no_authority(bench):
-    bench.arm.asks("hand", bench.now_s)
+    bench.arm.asks("device", bench.now_s)
     bench.phase = "braking"
     bench.lasts(5.0, FAST)
     assert bench.rules == []
 
 
 def test_a_session_that_tells_nothing_is_not_judged_by_what_it_reported(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.authority = ""
     bench.lasts(5.0, FAST, tells=False)
     assert bench.rules == []
 
 
 def test_a_session_that_comes_back_armed_breaks_a_rule(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.lasts(1.0, FAST)
     bench.arm.void(bench.now_s)
     bench.pid, bench.phase = 2, "holding"
@@ -147,12 +147,12 @@ def test_a_session_that_comes_back_armed_breaks_a_rule(bench):
 
 
 def test_a_session_that_comes_back_may_be_armed_by_a_new_act(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.arm.void(bench.now_s)
     bench.pid = 2
     bench.authority, bench.phase = "", "disarmed"
     bench.lasts(1.0)
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.lasts(1.0, FAST)
     assert bench.rules == []
 
@@ -173,7 +173,7 @@ def test_two_sources_that_move_it_break_a_rule(bench):
 
 
 def test_a_robot_that_is_another_process_is_where_it_is(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.lasts(0.5, FAST)
     bench.arm.void(bench.now_s)
     bench.now_s += 20.0
@@ -184,7 +184,7 @@ def test_a_robot_that_is_another_process_is_where_it_is(bench):
 
 
 def test_a_robot_that_was_stopped_may_end_its_motion(bench):
-    bench.is_moved_by("hand")
+    bench.is_moved_by("device")
     bench.lasts(0.5, FAST)
     bench.arm.void(bench.now_s)
     bench.now_s += 5.0
@@ -376,7 +376,7 @@ def reported(tmp_path):
         report.sample(Sample(begin_s + 10.0 * n, "arm", 7, 100.0 + n, 10, 5, 0.1, 0.4, math.nan, 0))
         report.load(3.0)
     report.did("fault", "kill_robot", "arm", "for 2 s")
-    report.did("client", "jog", "arm", "refused: movv: 'hand' has authority over the arm")
+    report.did("client", "jog", "arm", "refused: movv: 'device' has authority over the arm")
     report.count("device", "mouse: episode")
     report.answered(0.02, False)
     report.answered(9.0, True)

@@ -214,7 +214,7 @@ SOMEBODY = discovery.Discovery(
 
 
 def test_the_network_is_printed_to_be_copied(monkeypatch):
-    monkeypatch.setattr(bus, "met_here", lambda options: options)  # Whatever routers run here.
+    monkeypatch.setattr(bus, "met_here", lambda options: options)
     monkeypatch.setattr(discovery, "discover", lambda _options: SOMEBODY)
     assert said("net", "list", program=app).splitlines() == [
         "node     /arm/server",

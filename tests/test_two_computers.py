@@ -233,7 +233,7 @@ class Lab(contextlib.ExitStack):
         self.await_said(self.router, "READY")
 
     def sharing(self, *way):
-        return self.start(OPERATOR, "devices", "share", self.operator, "--name", "hand", *way)
+        return self.start(OPERATOR, "devices", "share", self.operator, "--name", "mouse", *way)
 
     def start_share(self, *way):
         self.share = self.sharing(*way)

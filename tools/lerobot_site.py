@@ -24,9 +24,9 @@ class _Declared(importlib.abc.MetaPathFinder):
             for each in OPERATORS:
                 if not hasattr(torch.ops.torchvision, each):
                     self.library.define(f"{each}(Tensor x) -> Tensor")
-            _KEPT.append(self)
+            _INSTANCES.append(self)
         return
 
 
-_KEPT = []
+_INSTANCES = []
 sys.meta_path.insert(0, _Declared())

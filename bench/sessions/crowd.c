@@ -41,7 +41,7 @@ enum {
     DATAGRAM = 1400,
     FIRST_TM_MS = 1000000,
     FIRST_S = 1700000000,
-    KEPT = 64, /* Instants of a robot that an answer may still be to. */
+    MAX_INSTANTS = 64, /* Instants of a robot that an answer may still be to. */
 };
 
 #define PERIOD_NS 4000000LL
@@ -63,8 +63,8 @@ struct robot {
     double joints[AXES];
     uint32_t sequence;
     int64_t due_ns;
-    int64_t sent_ns[KEPT];
-    bool answered[KEPT];
+    int64_t sent_ns[MAX_INSTANTS];
+    bool answered[MAX_INSTANTS];
 };
 
 struct mouse {
@@ -225,7 +225,7 @@ static void read_answers(struct robot *robot) {
         if (!decode(data, (size_t)size, &tm, joints))
             continue;
         uint32_t sequence = (tm - FIRST_TM_MS) / 4, back = robot->sequence - sequence;
-        if (back == 0 || back > KEPT || robot->answered[sequence % KEPT])
+        if (back == 0 || back > MAX_INSTANTS || robot->answered[sequence % MAX_INSTANTS])
             continue;
         struct cmsghdr *stamp = CMSG_FIRSTHDR(&message);
         if (stamp == NULL || stamp->cmsg_type != SO_TIMESTAMPNS)
@@ -233,10 +233,10 @@ static void read_answers(struct robot *robot) {
         struct timespec t;
         memcpy(&t, CMSG_DATA(stamp), sizeof t);
         int64_t arrived_ns = t.tv_sec * 1000000000LL + t.tv_nsec;
-        robot->answered[sequence % KEPT] = true;
+        robot->answered[sequence % MAX_INSTANTS] = true;
         if (figures.on) {
             add(&figures.answers_ns, &figures.answers, &figures.room,
-                arrived_ns - robot->sent_ns[sequence % KEPT]);
+                arrived_ns - robot->sent_ns[sequence % MAX_INSTANTS]);
             figures.moved += memcmp(robot->joints, joints, sizeof joints) != 0;
         }
         memcpy(robot->joints, joints, sizeof joints);
@@ -249,7 +249,7 @@ static void instant(int index, int64_t late_ns) {
     if (figures.on) {
         figures.sent++;
         add(&figures.late_ns, &figures.lates, &figures.late_room, late_ns);
-        if (!robot->answered[(robot->sequence - 1) % KEPT]) {
+        if (!robot->answered[(robot->sequence - 1) % MAX_INSTANTS]) {
             figures.missed++;
             figures.missed_of[index]++;
         }
@@ -262,8 +262,8 @@ static void instant(int index, int64_t late_ns) {
         memcpy(template + at_measured + JOINT_STRIDE * axis, &robot->joints[axis], 8);
         memcpy(template + at_planned + JOINT_STRIDE * axis, &robot->joints[axis], 8);
     }
-    robot->answered[robot->sequence % KEPT] = false;
-    robot->sent_ns[robot->sequence % KEPT] = now_ns(CLOCK_REALTIME);
+    robot->answered[robot->sequence % MAX_INSTANTS] = false;
+    robot->sent_ns[robot->sequence % MAX_INSTANTS] = now_ns(CLOCK_REALTIME);
     robot->sequence++;
     send(robot->sock, template, template_bytes, MSG_DONTWAIT);
 }

@@ -22,7 +22,7 @@ ARMS: Final = ("gofa", "gp8", "ur5-a", "ur5-b")
 VETERAN: Final = "ur5-b"
 """The session whose process is never killed: what grows slowly is seen in it."""
 
-SOURCES: Final = frozenset({"hand", "verbs", "alice", "bob", "ros2", "daemon"})
+SOURCES: Final = frozenset({"device", "verbs", "alice", "bob", "ros2", "daemon"})
 
 DEVICES_OF: Final = {"mouse": ("gofa", "gp8"), "pad": ("ur5-a",), "remote": ("ur5-b",)}
 """Which arms each device can drive."""
@@ -37,7 +37,7 @@ MARK: Final = "CARDAN_SOAK"
 LOG_BYTES: Final = 5_000_000
 """Most that is kept of what a process says; then the file is begun anew, once kept as .1."""
 
-KEPT_LINE: Final = 4000
+MAX_LINE_CHARACTERS: Final = 4000
 
 LAYOUT: Final = """
 [daemon]
@@ -215,7 +215,7 @@ class LabProcess:
                 if text.startswith("J "):
                     self.line(text)
                 else:
-                    self._keep(text[:KEPT_LINE])
+                    self._keep(text[:MAX_LINE_CHARACTERS])
 
     def _keep(self, text: str) -> None:
         with self._writing:

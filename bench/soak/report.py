@@ -19,7 +19,7 @@ from bench.soak.rules import LIMITS, Drift, Violation, drifts
 
 VIOLATIONS_SHOWN: Final = 40
 
-OUTCOMES_KEPT: Final = 8
+MAX_OUTCOMES: Final = 8
 """Kinds of outcomes of an act that are told apart."""
 
 
@@ -103,7 +103,7 @@ class Report:
             if kind == "client":
                 kinds = self._outcomes[what]
                 name = outcome.split(":")[0][:40]
-                kinds[name if name in kinds or len(kinds) < OUTCOMES_KEPT else "other"] += 1
+                kinds[name if name in kinds or len(kinds) < MAX_OUTCOMES else "other"] += 1
             line = {
                 "time_s": round(self.lasted_s, 2), "kind": kind, "what": what, "who": who,
                 "outcome": outcome[:300],

@@ -97,13 +97,13 @@ class Watch:
             for arm in arms:
                 self.arms[arm].void(time.monotonic())
 
-    def operator_asks(self, device: str, who: str = "hand") -> None:
+    def operator_asks(self, device: str, who: str = "device") -> None:
         """The operator of a device holds its dead-man."""
         with self.lock:
             for arm in DEVICES_OF[device]:
                 self.arms[arm].asks(who, time.monotonic())
 
-    def operator_gone(self, device: str, who: str = "hand") -> None:
+    def operator_gone(self, device: str, who: str = "device") -> None:
         """The operator of a device does not hold its dead-man any more."""
         with self.lock:
             for arm in DEVICES_OF[device]:

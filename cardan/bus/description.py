@@ -29,7 +29,7 @@ OTHERS_WITHIN_S: Final = 1.0
 """How long other publishers are awaited after the first text: peers that learn of each other from a
 router connect within a second."""
 
-TEXTS_KEPT: Final = 20
+MAX_TEXTS: Final = 20
 
 OPTION: Final = "--from-topic"
 """Command option that requests it."""
@@ -60,7 +60,7 @@ def describe(topic: str, options: BusOptions) -> Description:
     Raises ConfigurationError if no node publishes one in time, or several that differ;
     ExtraMissingError, DriverError.
     """
-    heard: Inbox[bytes] = Inbox(TEXTS_KEPT)
+    heard: Inbox[bytes] = Inbox(MAX_TEXTS)
     with BusNetwork(options, f"cardan_robots_{time.time_ns() % 10**9}") as network:
         remedy = (
             "start robot_state_publisher with RMW_IMPLEMENTATION=rmw_zenoh_cpp, or write the text "

@@ -49,10 +49,10 @@ from cardan.protocols.ros2.zenoh import (
 if TYPE_CHECKING:  # Sessions without a bus do not need the package.
     import zenoh
 
-REQUESTS_KEPT = 32
+MAX_REQUESTS = 32
 """Largest number of waiting requests to a service; beyond it the oldest get no reply."""
 
-TOKENS_KEPT = 16_384
+MAX_TOKENS = 16_384
 """Largest number of waiting tokens: more than all nodes of a large robot have, because a lost token
 would keep a departed node in the graph."""
 
@@ -123,7 +123,7 @@ class TokenWatch:
 
     def __init__(self, node: BusNode, key: str) -> None:
         zenoh = zenoh_module()
-        ring = zenoh.handlers.RingChannel(TOKENS_KEPT)
+        ring = zenoh.handlers.RingChannel(MAX_TOKENS)
         self._put = zenoh.SampleKind.PUT
         self._watcher = node.declare_watcher(key, ring)
         self._try_recv = self._watcher.handler.try_recv
@@ -317,7 +317,7 @@ class Service:
     def __init__(self, node: BusNode, entity: Entity, key: str) -> None:
         self.entity = entity
         self._key = key
-        ring = zenoh_module().handlers.RingChannel(REQUESTS_KEPT)
+        ring = zenoh_module().handlers.RingChannel(MAX_REQUESTS)
         self._queryable = node.declare_queryable(key, ring)
         self._try_recv = self._queryable.handler.try_recv
         # A node that sees the token may call at once; it is declared last.

@@ -5,8 +5,8 @@ other exchange. An impostor has one guess a connection and, unlike with a pre-sh
 data for an offline search. OpenSSL's SRP would do the same, but the server of OpenSSL 3.0 crashes
 with it. Fernet tokens (package cryptography) follow, a line each::
 
-operator: SPAKE2 message, ready, request (its key's, and HOST), kept
-    robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), kept too
+operator: SPAKE2 message, ready, request (its key's, and HOST), stored
+    robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), stored too
 
 Each private key stays on its computer. The authority's key is discarded after two signatures: it
 can sign no third certificate.
@@ -105,7 +105,7 @@ def wait_for_operator(
                     return _serve(_Channel(client, until_s, listener), code, folder)
             except (_EndedError, OSError) as error:
                 wrong += isinstance(error, _WrongCodeError)
-                tell(f"pairing came to no end, nothing is kept, and it waits on: {error}")
+                tell(f"pairing came to no end, nothing is stored, and it waits on: {error}")
     raise AddressError(f"nobody has paired within {wait_s:g} s: begin again on both computers")
 
 
@@ -230,9 +230,9 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
     settings |= {"transport/link/tls/close_link_on_expiration": True}
     with _stored(folder, "listen", settings, authority, ours, private):
         channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
-        channel.receive("kept")
+        channel.receive("stored")
     with contextlib.suppress(OSError):  # The files exist, whether or not the confirmation arrives.
-        channel.send("kept too")
+        channel.send("stored too")
     return folder / CONFIG
 
 
@@ -251,8 +251,8 @@ def _join(channel: _Channel, host: str, code: str, folder: Path, *, quic: bool) 
     far = f"quic/{at}:{TLS_PORT}?{MIXED}=1" if quic else f"tls/{at}:{TLS_PORT}"
     settings = zenoh_settings("client", (), (far,))
     with _stored(folder, "connect", settings, authority, ours, private):
-        channel.send("kept")
-        channel.receive("kept too")
+        channel.send("stored")
+        channel.receive("stored too")
     return folder / CONFIG
 
 

@@ -22,7 +22,7 @@ from cardan.errors import ConfigurationError
 if TYPE_CHECKING:
     from cardan.bus.network import Topic
 
-MESSAGES_KEPT: Final = 1000
+MAX_MESSAGES: Final = 1000
 """Largest number of messages that wait to be printed; beyond it some are dropped."""
 
 SHOWN_S: Final = 1.0
@@ -235,7 +235,7 @@ def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tu
     heard: Inbox[bytes] = Inbox()
 
     def take(data: bytes, _stamp_ns: int) -> None:
-        if len(heard) < MESSAGES_KEPT:
+        if len(heard) < MAX_MESSAGES:
             heard.put(data)
 
     end_s = None if seconds is None else time.monotonic() + seconds

@@ -38,7 +38,7 @@ from cardan.cli.common import (
     print_unusable,
 )
 from cardan.common.bounds import ANY_PORT
-from cardan.common.options import CODE_ONLY
+from cardan.common.options import CODE_ONLY, suggestion
 from cardan.common.plugins import Loaded, is_lack, not_installed, reason
 from cardan.errors import ConfigurationError, OptionError
 from cardan.sim_peers.command import Option, name_and_unit, option_of
@@ -132,7 +132,7 @@ class Given(NamedTuple):
             return {name: host, option.port_field: port}
         if self.choices:
             if given not in self.choices:
-                allowed = ", ".join(self.choices)
+                allowed = ", ".join(self.choices) + suggestion(given, self.choices)
                 raise ConfigurationError(self.flag, f"{given!r} is unknown; allowed: {allowed}")
             return {name: self.choices[given]}
         if option.repeatable:

@@ -260,10 +260,26 @@ def _shown(choice: Any) -> Any:
     return choice if choice != "" else '""'
 
 
+FORMER = {
+    "felt": "reaction",
+    "kept-inputs": "stale-inputs",
+    "leap": "jump",
+    "led-untold": "led-unreported",
+    "mask-kept": "mask-ignored",
+    "replug-untold": "replug-unreported",
+    "unplug-untold": "unplug-unreported",
+}
+"""Present names of values and faults by those of earlier versions."""
+
+
 def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """Return the nearest of `allowed`, as the end of a sentence; empty when none is near."""
+    """Return the present name of a former one, or else the nearest of `allowed`, as the end of a
+    sentence; empty when none is near."""
     from difflib import get_close_matches
 
+    allowed = tuple(allowed)
+    if (now := FORMER.get(word)) in allowed:
+        return f"; {word!r} is now {now!r}"
     # Of names that differ in nothing else, capitals and the hyphen for _ are not told apart.
     spelled = {_spelling(each): each for each in allowed}
     near = [spelled[each] for each in get_close_matches(_spelling(word), list(spelled), 1)]

@@ -12,7 +12,7 @@ from cardan.conform.timeline import NumberedItem, Traffic
 
 COME = 6.0
 """Time for a driver to connect, or to answer for the first time, in lengths of a phase."""
-KEPT = 3
+MAX_SENT = 3
 """Datagrams that a cyclic controller remembers."""
 
 UNANSWERED = 10
@@ -52,7 +52,7 @@ class CyclicController(Scenario):
         self._next_s = 0.0
         self._channel = ""
         """Channel that it sends to."""
-        self._sent: deque[bytes] = deque(maxlen=KEPT)
+        self._sent: deque[bytes] = deque(maxlen=MAX_SENT)
         """Last datagrams sent."""
 
     @abstractmethod

@@ -57,7 +57,7 @@ JOINING_S = 3.0
 LATE_GRAPH_S = 0.3
 """The same wait afterwards, s: all later messages wait, too, and are lost with the process."""
 
-ENDPOINTS_KEPT = 64
+MAX_ENDPOINTS = 64
 """Most endpoints remembered per topic: programs that publish once come and go."""
 
 _WAIT_S = 0.1
@@ -234,7 +234,7 @@ class Recorder:
             with self._saw:
                 seen = self._seen.setdefault(entity.name, [])
                 seen.append(entity)
-                del seen[:-ENDPOINTS_KEPT]
+                del seen[:-MAX_ENDPOINTS]
                 self._saw.notify_all()
 
     def _hear(self, sample: Any) -> None:

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Generic, NamedTuple, TypeVar
 
 from cardan.common.files import read_text
+from cardan.common.options import suggestion
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.signals import on_ending
 from cardan.errors import ConfigurationError, ScriptError
@@ -60,7 +61,8 @@ def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -
     known = {switch.name: switch for switch in switches}
     for name, value in faults.items():
         if name not in known:
-            raise ScriptError(f"there is no fault {name!r}; there are: {', '.join(sorted(known))}")
+            words = f"there is no fault {name!r}; there are: {', '.join(sorted(known))}"
+            raise ScriptError(words + suggestion(name, known))
         lowest, highest, first = known[name].lowest, known[name].highest, known[name].after
         if not lowest <= value <= highest:
             raise ScriptError(f"fault {name}: {value:g} is not in {lowest:g} to {highest:g}")

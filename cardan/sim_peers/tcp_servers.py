@@ -23,7 +23,7 @@ RESET: Final = FaultSwitch.at("reset", "every connection is reset")
 
 SPLIT_S: Final = 0.001
 """Delay of the second piece of data that is written in two."""
-KEPT_EVENTS: Final = 10_000
+MAX_EVENTS: Final = 10_000
 
 KindT = TypeVar("KindT", bound=str)
 
@@ -66,7 +66,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     def __init__(self, history: Events, faults: Mapping[str, float], seed: int) -> None:
         """`history`: events of the controller."""
-        self.events: Events = deque(maxlen=KEPT_EVENTS)
+        self.events: Events = deque(maxlen=MAX_EVENTS)
         """The newest events, (time_s, text)."""
         self.histories = (history, self.events)
         self._connections: dict[int, ConnectionT] = {}

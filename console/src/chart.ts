@@ -1,7 +1,7 @@
 import uPlot from "uplot";
 import { button, h } from "./dom.ts";
 import { t } from "./i18n.ts";
-import { KEPT_S, type Recording } from "./recording.ts";
+import { HISTORY_S, type Recording } from "./recording.ts";
 import { Span } from "./span.ts";
 
 /** How often a plot steps where the person has asked their system for less motion. */
@@ -23,7 +23,7 @@ export class Chart {
   private readonly place = h("div", { class: "plot" });
   private readonly bar: HTMLElement;
   private readonly pause: HTMLButtonElement;
-  private readonly span = new Span(USUAL_S, SHORTEST_S, KEPT_S);
+  private readonly span = new Span(USUAL_S, SHORTEST_S, HISTORY_S);
   private readonly calm = matchMedia("(prefers-reduced-motion: reduce)");
   private drawnMs = -Infinity;
   private plot: uPlot | null = null;

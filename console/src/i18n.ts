@@ -22,7 +22,7 @@ const WORDS = {
     "Pedir a quien tiene la autoridad que la ceda",
   ],
   asked_waiting: ["Asked…", "Pedida…"],
-  asked_kept: ["They keep it. Ask again", "La conserva. Pedir otra vez"],
+  asked_refused: ["They keep it. Ask again", "La conserva. Pedir otra vez"],
   asked_silent: ["No answer. Ask again", "Sin respuesta. Pedir otra vez"],
   asked_given: ["You have it", "Es suya"],
   asksForIt: ["asks for the authority over the arm.", "pide la autoridad sobre el brazo."],

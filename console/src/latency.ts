@@ -1,5 +1,5 @@
 /** Round trips of the last hundred pings, ms. */
-const KEPT = 100;
+const CAPACITY = 100;
 const RECENT = 5;
 
 export class RoundTrips {
@@ -7,7 +7,7 @@ export class RoundTrips {
 
   add(ms: number): void {
     this.all.push(ms);
-    if (this.all.length > KEPT) this.all.shift();
+    if (this.all.length > CAPACITY) this.all.shift();
   }
 
   clear(): void {

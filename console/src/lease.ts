@@ -13,7 +13,7 @@ export const GRACE_MS = 20_000;
 /** A message of the arm's topic authority/request. */
 export type AuthorityRequest = { source: string; owner: string; answer: string };
 
-export type Asked = "" | "waiting" | "kept" | "silent" | "given";
+export type Asked = "" | "waiting" | "refused" | "silent" | "given";
 
 export class Lease {
   /** Who asks us for it; empty: nobody. */
@@ -33,7 +33,7 @@ export class Lease {
   heard({ source, owner, answer }: AuthorityRequest, own: string, nowMs: number): void {
     if (owner === own && !answer) [this.requester, this.requesterMs] = [source, nowMs];
     if (source === own && answer && this.asked === "waiting") {
-      [this.asked, this.askedMs] = ["kept", nowMs];
+      [this.asked, this.askedMs] = ["refused", nowMs];
     }
   }
 

@@ -3,7 +3,7 @@ export const OLD_MS = 500;
 export const GONE_MS = 2000;
 
 /** Round trips of the last pictures. */
-const KEPT = 32;
+const CAPACITY = 32;
 
 /** A way so long that one picture at a time leaves most of it empty, ms. */
 const LONG_MS = 100;
@@ -32,7 +32,7 @@ export class PictureAges {
   hadMs({ age_us, page_us, held_us }: Announced, nowMs: number): number {
     const round = Math.max(0, nowMs - (page_us + held_us) / 1000);
     this.rounds.push(round);
-    if (this.rounds.length > KEPT) this.rounds.shift();
+    if (this.rounds.length > CAPACITY) this.rounds.shift();
     return nowMs - age_us / 1000 - round + this.least / 2;
   }
 

@@ -1,5 +1,5 @@
 /** Samples of some numbers over the last five minutes; the oldest go. */
-export const KEPT_S = 300;
+export const HISTORY_S = 300;
 
 /** So much more is kept before the oldest are taken away, in one piece instead of one by one. */
 const SLACK_S = 10;
@@ -24,7 +24,7 @@ export class Recording {
     }
     this.times.push(timeS);
     this.columns.forEach((column, index) => column.push(values[index] ?? null));
-    if ((this.times[0] ?? 0) < timeS - KEPT_S - SLACK_S) this.drop(timeS - KEPT_S);
+    if ((this.times[0] ?? 0) < timeS - HISTORY_S - SLACK_S) this.drop(timeS - HISTORY_S);
   }
 
   clear(): void {

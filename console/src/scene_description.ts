@@ -53,7 +53,7 @@ export type SceneDescription = {
 const WARNS_M = { obstacle: 0.04, ownBody: 0.01 };
 
 /** What is kept where the session does not say. */
-const KEPT_M = { obstacle: 0.01, ownBody: 0.005 };
+const CLEARANCE_M = { obstacle: 0.01, ownBody: 0.005 };
 
 const COLORS = {
   obstacle: new THREE.Color(0x8b7355),
@@ -76,7 +76,7 @@ export function nearness(
   const solids = [told?.obstacles, ...(told?.neighbors ?? []).map((each) => each.shapes)];
   const obstacle = solids.flat().some((each) => each && pair.includes(each.name));
   const kind = obstacle ? "obstacle" : "ownBody";
-  const kept = (obstacle ? told?.obstacle_m : told?.own_body_m) ?? KEPT_M[kind];
+  const kept = (obstacle ? told?.obstacle_m : told?.own_body_m) ?? CLEARANCE_M[kind];
   return Math.max(0, Math.min(1, 1 + (kept - clearance) / WARNS_M[kind]));
 }
 

@@ -24,15 +24,15 @@ test("who is asked sees who asks, until it has answered or has it no more", () =
 
 test("who asks learns what became of it", () => {
   const lease = new Lease();
-  lease.heard({ source: US, owner: THEM, answer: "kept" }, US, 0);
+  lease.heard({ source: US, owner: THEM, answer: "refused" }, US, 0);
   assert.equal(lease.asked, "");
   lease.ask(0);
   lease.look(THEM, US, 10);
   assert.equal(lease.asked, "waiting");
-  lease.heard({ source: "console third", owner: THEM, answer: "kept" }, US, 15);
+  lease.heard({ source: "console third", owner: THEM, answer: "refused" }, US, 15);
   assert.equal(lease.asked, "waiting");
-  lease.heard({ source: US, owner: THEM, answer: "kept" }, US, 20);
-  assert.equal(lease.asked, "kept");
+  lease.heard({ source: US, owner: THEM, answer: "refused" }, US, 20);
+  assert.equal(lease.asked, "refused");
   lease.look(THEM, US, 21 + ASKED_MS);
   assert.equal(lease.asked, "");
   lease.ask(100_000);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { between, shortened, spread } from "../src/histogram.ts";
-import { KEPT_S, Recording } from "../src/recording.ts";
+import { HISTORY_S, Recording } from "../src/recording.ts";
 import { Span } from "../src/span.ts";
 
 test("a recording keeps the last minutes, and is a table", () => {
@@ -9,7 +9,7 @@ test("a recording keeps the last minutes, and is a table", () => {
   for (let second = 0; second < 1000; second += 1) recording.add(second, [second, null]);
   assert.equal(recording.newest, 999);
   const oldest = recording.oldest ?? NaN;
-  assert.ok(oldest <= 999 - KEPT_S && oldest >= 999 - KEPT_S - 11, String(oldest));
+  assert.ok(oldest <= 999 - HISTORY_S && oldest >= 999 - HISTORY_S - 11, String(oldest));
   const [times, first] = recording.data();
   assert.equal(times.length, first?.length);
   assert.equal(first?.at(-1), 999);

@@ -10,11 +10,11 @@ const SESSION: Unit = {
   reason: "",
   why: "no state was heard",
   phase: "no robot",
-  authority: "hand",
+  authority: "device",
 };
 
 test("a session says what it does and why not", () => {
-  assert.equal(about(SESSION), "session · running 40 s · no robot · Authority: hand · no state was heard");
+  assert.equal(about(SESSION), "session · running 40 s · no robot · Authority: device · no state was heard");
   const failed = { ...SESSION, state: "failed", reason: "it ended with status 3", since_s: 400 };
   assert.equal(about(failed), "session · failed 7 min · it ended with status 3");
 });

@@ -57,7 +57,7 @@ test("the nearest cause comes first", () => {
   assert.match(says({ link: "lost", stateAgeMs: 1e6 }).text, /connection to the server is lost/);
   assert.match(says({ stateAgeMs: 2000, refused: "no" }).text, /silent/);
   assert.match(says(status({ ready: false, message: "the brakes are on" })).text, /not ready: the brakes are on/);
-  assert.equal(says({ refused: "twist: hand has the authority" }).text, "twist: hand has the authority");
+  assert.equal(says({ refused: "twist: device has the authority" }).text, "twist: device has the authority");
   const late = "twst: select twist streaming first (parameter streamingCommand; ROS 2: preset_streaming_cmd): the stream was silent for 0.101 s";
   assert.match(says({ refused: late }).text, /came too late/);
   assert.match(says({ roundTripMs: 400 }).text, /too long.*400 ms/);
@@ -65,7 +65,7 @@ test("the nearest cause comes first", () => {
   const stopped = { ended: "stopped", armed: false } as const;
   assert.match(says({ ...stopped, stoppedBy: "console 2" }).text, /stopped: enable again \(console 2\)$/);
   assert.match(says({ ...stopped, stoppedBy: "" }).text, /stopped: enable again$/);
-  assert.match(says(status({ authority: "hand" })).text, /^hand has the authority/);
+  assert.match(says(status({ authority: "device" })).text, /^device has the authority/);
   assert.match(says({ asked: "given", armed: false }).text, /handed to you: enable/);
   assert.equal(says({ held: true, ...status({ limits: ["collision"] }) }).text, "Limited by collision");
   assert.match(says({ role: "viewer" }).text, /watch only/);

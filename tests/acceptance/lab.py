@@ -320,7 +320,7 @@ class Lab:
             f"{second} has {device}",
             lambda: other.row["device_held"] and not one.row["device_held"] and _live(other),
         )
-        self._until(f"the hand moves {second}", lambda: "hand" in other.moved_by)
+        self._until(f"the hand moves {second}", lambda: "device" in other.moved_by)
         self._done.append(f"{device} went from {first} to {second}")
 
     # -- observations ----------------------------------------------------------------------------

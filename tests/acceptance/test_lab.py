@@ -70,9 +70,9 @@ def test_what_is_seen_of_an_arm():
     arm.take(seen(snapshot={"phase": ""}, robot_link=""))
     assert arm.first == []
     arm.take(seen())
-    arm.take(seen(snapshot={"phase": "moving", "pose": [0.4, 0.03, 0.44], "authority": "hand"}))
+    arm.take(seen(snapshot={"phase": "moving", "pose": [0.4, 0.03, 0.44], "authority": "device"}))
     assert arm.moved_m == pytest.approx(0.05)
-    assert arm.moved_by == {"hand"}
+    assert arm.moved_by == {"device"}
     assert arm.phases == ["disarmed", "moving"]
     arm.take(seen(pid=4712, snapshot={"error_max_m": 0.03}))
     assert arm.phases == ["disarmed"]

@@ -33,7 +33,7 @@ from tests.waiting import until
 
 HOST = "127.0.0.1"
 END_S = 1e9
-NOTHING = "pairing came to no end, nothing is kept, and it waits on"
+NOTHING = "pairing came to no end, nothing is stored, and it waits on"
 CODE = re.compile(r"[2-9A-Z]{4}-[2-9A-Z]{4}")
 
 
@@ -237,7 +237,7 @@ def test_an_operator_that_leaves_after_the_last_step_leaves_the_robots_files(sta
             operator.send("request", host=HOST, request=pem)
             operator.receive("answer")
             assert not (state / "as-robot").exists()
-            operator.send("kept")
+            operator.send("stored")
             there.close()
 
         thread = threading.Thread(target=leave)
@@ -292,7 +292,7 @@ def test_lines_that_come_together_are_read_one_by_one():
 
 
 def test_what_was_said_in_time_and_read_too_late_ends_it():
-    # A side that was stopped: the other one has waited for as long, and kept nothing.
+    # A side that was stopped: the other one has waited for as long, and stored nothing.
     here, there = socket.socketpair()
     with here, there:
         there.sendall(b"00\n")
@@ -493,14 +493,14 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
     own = str(stranger.parent / "authority.pem")
     assert own in text
     forged.write_text(text.replace(own, str(client.parent / "authority.pem")), encoding="utf-8")
-    mouse = ("devices", "share", "spacemouse", "--zenoh-config", client, "--name", "hand")
+    mouse = ("devices", "share", "spacemouse", "--zenoh-config", client, "--name", "mouse")
     with Program("net", "server", "router", "--zenoh-config", router) as served:
         served.wait_for("READY")
         with Program(*mouse) as share:
-            share.wait_for("READY /shared/hand/state")
-            with Remote(router=inside, device="hand", wait_for_device=True):
+            share.wait_for("READY /shared/mouse/state")
+            with Remote(router=inside, device="mouse", wait_for_device=True):
                 until(lambda: b"used by cardan_device_driver" in share.said["stderr"])
-                assert may_be_lost(inside) == {"/shared/hand/state", "/shared/hand/claim"}
+                assert may_be_lost(inside) == {"/shared/mouse/state", "/shared/mouse/claim"}
             # By what gives it back: the lease would end a second later, with a word of it.
             until(lambda: b"not in use" in share.said["stderr"])
             assert b"leases that were not renewed" not in share.said["stderr"]

@@ -25,7 +25,7 @@ IMAGE, TRIGGER = "sensor_msgs/msg/CompressedImage", "std_srvs/srv/Trigger"
 BYTES_PER_S = 500_000.0
 """4 Mbit/s, of each way."""
 
-PIECE, KEPT = 4096, 8192
+PIECE, BUFFER_BYTES = 4096, 8192
 """Bytes: what the slow link takes at once, and its buffers."""
 
 AHEAD = 200_000
@@ -37,7 +37,7 @@ of the slow link. As the kernel sizes its buffer, they are 2 MB and more."""
 def slow_link(port):
     """A port of this computer, from which a slow link goes to `port`."""
     listening = socket.create_server(("127.0.0.1", 0))
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KEPT)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     ends = [listening]
 
     def carry(source, sink):

@@ -74,7 +74,7 @@ def test_a_robot_that_runs_already_is_not_switched_on():
         (32, "interfaces-garbage", 0.05),
         (33, "bare-answers", 1.0),
         (102, "shared-inputs", 1.0),
-        (104, "kept-inputs", 1.0),
+        (104, "stale-inputs", 1.0),
         (120, "lines-wait", 1.0),
         (121, "lines-wait", 1.0),
         (122, "no-exceptions", 1.0),

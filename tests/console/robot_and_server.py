@@ -31,7 +31,7 @@ COMM_TIMEOUT_S = 0.2
 SAMPLE_S = 0.004
 WINDOW_S = 0.06
 """Speeds are means over this time, many periods of the controller."""
-KEPT_S = 30.0
+HISTORY_S = 30.0
 
 STANDS_M_S = 0.001
 RESTS_S = 0.25
@@ -98,7 +98,7 @@ class TcpWatch(threading.Thread):
                 self._times.append(time.monotonic())
                 self._points.append(point)
                 self._commands.append(commands)
-                if self._times[0] < self._times[-1] - KEPT_S:
+                if self._times[0] < self._times[-1] - HISTORY_S:
                     half = len(self._times) // 2
                     del self._times[:half], self._points[:half], self._commands[:half]
 

@@ -72,6 +72,7 @@ def test_faults():
     ("word", "words"),
     [
         ("lose", "there is no fault 'lose'; there are: drop, late"),
+        ("lat", "there is no fault 'lat'; there are: drop, late; did you mean 'late'"),
         ("drop=2", "2 is not in 0 to 1"),
         ("drop=nan", "nan is not in"),
         ("drop=", "'' is not a number"),

@@ -113,6 +113,19 @@ def test_wrong_words_are_reported_with_the_option(name, words, message):
         said(name, *words, "--seconds", "0")
 
 
+@pytest.mark.parametrize(
+    ("name", "option", "former", "now"),
+    [
+        ("abb-gofa", "--force-sense", "felt", "reaction"),
+        ("ur", "--fault", "kept-inputs", "stale-inputs"),
+        ("phone", "--fault", "leap", "jump"),
+    ],
+)
+def test_a_former_name_of_a_choice_is_refused_with_the_present_one(name, option, former, now):
+    with pytest.raises((ConfigurationError, ScriptError), match=f"; '{former}' is now '{now}'$"):
+        said(name, option, former, "--seconds", "0")
+
+
 def test_an_unknown_peer_is_refused():
     assert "No such command 'toaster'" in said("toaster", code=2)
 

@@ -23,7 +23,7 @@ from tests.ros2_packages import write_packages
 from tests.waiting import until, until_streamed
 
 ROOT, HERE = Path(__file__).parents[2], Path(__file__).parent
-KEPT = ("HOME", "PATH", "LANG", "TMPDIR")
+INHERITED = ("HOME", "PATH", "LANG", "TMPDIR")
 
 ARM = "/left/arm"
 POSES, JOINTS, VELOCITY = f"{ARM}/state/pose", "/left/joint_states", "/left/cmd_vel"
@@ -66,7 +66,7 @@ def python_of(environment: str) -> Path:
 
 def own_environment(**more: str) -> dict[str, str]:
     """Variables for a judge in an environment of its own."""
-    return {**{name: os.environ[name] for name in KEPT if name in os.environ}, **more}
+    return {**{name: os.environ[name] for name in INHERITED if name in os.environ}, **more}
 
 
 class Operator(JudgeNode):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cardan.conform.controllers import COME, KEPT, CyclicController
+from cardan.conform.controllers import COME, MAX_SENT, CyclicController
 from cardan.conform.egm.scenario import JUNK
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Script, Step, ask, mark, open_, send
@@ -56,7 +56,7 @@ class EgmControllerScenario(CyclicController):
         yield mark("old")
         for _ in range(5):
             yield from self._cycles(0.05)
-            yield send(self._sent[-KEPT], self._channel)
+            yield send(self._sent[-MAX_SENT], self._channel)
             yield Pause(0.002)
             yield send(self._sent[-1], self._channel)
             yield Pause(0.002)

@@ -21,7 +21,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import PUBLISHER
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
-MESSAGES_KEPT = 32
+MAX_MESSAGES = 32
 """Messages queued for the reader; each has the button edges."""
 
 MEET_S = 1.0
@@ -143,7 +143,7 @@ class BusMixin(ReaderMixin[C]):
         self._bus = bus = BusNode(self._on_bus.bus, options.name)
         bus.open()
         kind = self._core.message_type
-        self._messages = bus.waiting_subscription(options.topic, kind, MESSAGES_KEPT)
+        self._messages = bus.waiting_subscription(options.topic, kind, MAX_MESSAGES)
         self._presence = bus.presence(PUBLISHER, options.topic)
         until_s = time.monotonic() + MEET_S
         while not self._presence.others():

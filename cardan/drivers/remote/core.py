@@ -50,13 +50,13 @@ from cardan.types import (
     Wrench,
 )
 
-ROUNDS_KEPT = 1000
+MAX_ROUNDS = 1000
 """Number of remembered round trips, of half a minute."""
 
-ECHOES_KEPT = 64
+MAX_ECHOES = 64
 """Most claims, of two seconds, that an echo may still refer to: slower round trips tell nothing."""
 
-SEQUENCES_KEPT = 1000
+MAX_SEQUENCES = 1000
 """States over which the loss ratio is computed: 4 to 20 s."""
 
 UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), battery=False)
@@ -92,14 +92,14 @@ class RemoteCore(BusCore):
         self._options = options
         self._lessee, self._name = lessee, name
         self._run = 0
-        self._asked: deque[float] = deque(maxlen=ECHOES_KEPT)
+        self._asked: deque[float] = deque(maxlen=MAX_ECHOES)
         self._claimed_s = NEVER_S
         self._playout = Playout(1e-3 * options.playout_ms, options.max_age_s)
         self._forget_device()
 
     def _forget_device(self) -> None:
         """Discard the state of the remote clock and device."""
-        self._clock = RemoteClock(ROUNDS_KEPT)
+        self._clock = RemoteClock(MAX_ROUNDS)
         self._echoed_s = self._sent_s = self._newest_s = NEVER_S
         self._resets = 0
         """Resets of the remote clock at the last edges: earlier stamps are of another clock."""
@@ -110,7 +110,7 @@ class RemoteCore(BusCore):
         self._playout.forget()
         self.haptic_feedback: HapticFeedback | None = None
         """Haptic feedback at the newest state; None: unknown, or the device exerts no force."""
-        self._sequences: deque[int] = deque(maxlen=SEQUENCES_KEPT)
+        self._sequences: deque[int] = deque(maxlen=MAX_SEQUENCES)
         """Sequence numbers of the newest states."""
         self.capabilities = UNKNOWN
         self.driver = ""

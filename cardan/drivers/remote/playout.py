@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 from cardan.types import NEUTRAL, NEVER_S, Axes, Pose
 
-KEPT_S = 4.0
+RETENTION_S = 4.0
 """Window of the transit times that count: clocks that drift by 1e-4 do so by 0.4 ms in it."""
 
-MOST_KEPT = 2000
+CAPACITY = 2000
 """Most transit times kept: of 4 s at twice the rate at which states are sent."""
 
 IN_TIME = 0.99
@@ -51,7 +51,7 @@ class Playout:
         older than `max_age_s` is replaced by a waiting one."""
         self._most_s, self._max_age_s = most_s, max_age_s
         self.shown: MotionSample | None = None
-        self._waiting: deque[tuple[float, MotionSample]] = deque(maxlen=MOST_KEPT)
+        self._waiting: deque[tuple[float, MotionSample]] = deque(maxlen=CAPACITY)
         """Waiting states with their due times, in order."""
         self._transits: deque[tuple[float, float]] = deque()
         """Arrival of each state, and its transit time up to the offset of the clocks."""
@@ -78,7 +78,7 @@ class Playout:
     def heard(self, sent_s: float, now_s: float) -> None:
         """Record the arrival of a state, whether it is used or not."""
         transits = self._transits
-        while transits and (transits[0][0] < now_s - KEPT_S or len(transits) >= MOST_KEPT):
+        while transits and (transits[0][0] < now_s - RETENTION_S or len(transits) >= CAPACITY):
             del self._sorted[bisect_left(self._sorted, transits.popleft()[1])]
         transits.append((now_s, now_s - sent_s))
         insort(self._sorted, now_s - sent_s)
@@ -94,7 +94,7 @@ class Playout:
             at_once = True
         elif at_rest:
             self._waiting = deque(
-                [(due_s, each._replace(axes=NEUTRAL)) for due_s, each in self._waiting], MOST_KEPT
+                [(due_s, each._replace(axes=NEUTRAL)) for due_s, each in self._waiting], CAPACITY
             )
             if self.shown is not None:
                 self.shown = self.shown._replace(axes=NEUTRAL)

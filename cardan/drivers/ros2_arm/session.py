@@ -67,7 +67,7 @@ NO_GAP_S = 0.5 * LIVING_S
 """Longest gap in the messages of a publisher that counts as heard without a gap. After a longer one
 this computer may have paused, and messages of the publisher that counts come next."""
 
-RIVALS_KEPT = 64
+MAX_RIVALS = 64
 """Most other publishers of the arm's joints that are tracked."""
 
 NS = 1_000_000_000
@@ -257,7 +257,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             if rival is not None and now_s - rival.heard_s <= NO_GAP_S:
                 since_s = rival.since_s if rival.since_s > sender.heard_s else now_s
             if now_s - sender.heard_s < LIVING_S or now_s - since_s < self._lost_after_s:
-                if rival is None and len(rivals) >= RIVALS_KEPT:
+                if rival is None and len(rivals) >= MAX_RIVALS:
                     rivals.pop(next(iter(rivals)))
                 # If there are fewer positions than names, some are unknown.
                 reported = dict(zip(message["name"], message["position"], strict=False))

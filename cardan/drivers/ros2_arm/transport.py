@@ -19,7 +19,7 @@ from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, SUBSCRIPTION
 
 DESCRIPTION_TYPE = "std_msgs/msg/String"
 
-STATES_KEPT = 16
+MAX_STATES = 16
 """Joint states queued; the newest counts."""
 
 DESCRIPTION_TIMEOUT_S = 5.0
@@ -50,7 +50,7 @@ class NodeTransport(ABC):
         self._options, self._node = options, node
         node.open()
         try:
-            self._states = node.waiting_subscription(options.states_topic, STATE_TYPE, STATES_KEPT)
+            self._states = node.waiting_subscription(options.states_topic, STATE_TYPE, MAX_STATES)
             self._commands = node.publisher(options.topic, COMMAND_TYPES[options.command])
         except BaseException:
             node.close()

@@ -14,7 +14,7 @@ SLOW_RAD_S = 0.02
 """Mean speed of every joint, rad/s or m/s, below which the arm has come to rest."""
 
 _SPACING_S = 0.01
-_KEPT = 11
+_CAPACITY = 11
 """Positions kept from the last 0.1 s: within that time a joint may jump by one count of a coarse
 encoder, 2 mrad, and still count as slow."""
 
@@ -40,7 +40,7 @@ class Arrival:
     def __init__(self, options: ArrivalOptions, lag_s: float = 0.0) -> None:
         """`lag_s`: normal delay of the robot behind its command."""
         self.options, self.lag_s = options, lag_s
-        self._seen: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_KEPT)
+        self._seen: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_CAPACITY)
 
     def observe(self, robot: RobotState) -> None:
         """Measured joints, for every tick of the motion."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 from cardan.common.bounds import AUTHORITY_LEASE_S
 from cardan.common.options import Options
 from cardan.errors import ConfigurationError
 from cardan.types import NEVER_S
 
-OPERATOR = "hand"
+OPERATOR = "device"
 """The operator device of the session: its name in files, in records and on the network."""
 
 VERBS = "verbs"
@@ -25,7 +25,7 @@ network's pause that an operator would sit out, short enough for others to wait 
 class AuthorityPolicy(enum.Enum):
     """Policy for taking the authority from another source. Stop needs no authority."""
 
-    OPERATOR = "hand"
+    OPERATOR = "device"
     """Re-arming the operator device takes it from any source; others when it is free."""
     FIRST = "first"
     """Any source takes it when it is free, the operator device included."""
@@ -38,6 +38,8 @@ class AuthorityPolicy(enum.Enum):
 class AuthorityOptions(Options):
     """``[authority]``: sources that may move the arm, and their precedence."""
 
+    RENAMED: ClassVar = {f"{key} = 'hand'": f"{OPERATOR!r}" for key in ("policy", "named")}
+
     policy: AuthorityPolicy = AuthorityPolicy.OPERATOR
     named: str = ""
     """The source that may have it if `policy` is NAMED."""
@@ -49,7 +51,7 @@ class AuthorityOptions(Options):
         if (self.policy is AuthorityPolicy.NAMED) is not bool(self.named):
             raise ConfigurationError(
                 "named",
-                'policy = "named" needs the source that it is for ("hand", "verbs", or the owner '
+                'policy = "named" needs the source that it is for ("device", "verbs", or the owner '
                 "of a stream); no other policy has one",
             )
 

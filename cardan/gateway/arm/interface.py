@@ -163,7 +163,7 @@ class CartesianArm(ABC):
         self._ask("acquire", source=owner)
 
     def hand_over(self, to: str) -> None:
-        """Pass the authority over the arm to the source `to`: "hand", or a stream's owner. Raises
+        """Pass the authority over the arm to the source `to`: "device", or a stream's owner. Raises
         MotionRefusedError if this client has none."""
         self._ask("hand_over", to)
 

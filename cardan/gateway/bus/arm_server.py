@@ -49,12 +49,12 @@ from cardan.gateway.bus.commands import (
 )
 from cardan.gateway.bus.liveliness import UNKNOWN, LivelinessMonitor, Presence
 from cardan.gateway.bus.serving import Results, key_end
-from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
+from cardan.gateway.bus.sources import STREAM_RETENTION_S, Source, Sources, Unnamed
 from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.zenoh import Attachment
 from cardan.types import NEVER_S, Twist, Wrench
 
-ENDS_KEPT = 32
+MAX_ENDS = 32
 """Most ends of motions that wait for a request of their source, which rarely has more than one."""
 
 AT_ONCE = 8
@@ -72,7 +72,7 @@ GOALS_PERIOD_S = 0.01
 """Period of checks for goals and parameters: a check costs 0.5 µs for each of their many services,
 and a delay of 10 ms goes unnoticed."""
 
-SENDERS_KEPT = 64
+MAX_SENDERS = 64
 """Publishers of a topic whose sequence numbers are remembered."""
 
 Offer = Callable[[Any, Any, float], None]
@@ -401,7 +401,7 @@ class _PacketClient:
         self._response = codec_of(f"{ASK_TYPE}_Response")
         self._waiting: dict[int, tuple[ServiceRequest, int, str]] = {}
         """Waiting requests, with their ids and sources."""
-        self._untold: deque[MotionNote] = deque(maxlen=ENDS_KEPT)
+        self._unreported: deque[MotionNote] = deque(maxlen=MAX_ENDS)
         """Ends of motions that are in no reply yet: a publication may arrive later than a reply
         that was sent after it."""
 
@@ -437,7 +437,7 @@ class _PacketClient:
 
     def ended(self, note: MotionNote) -> None:
         """Publish that a motion has ended, and add it to the next reply to its source."""
-        self._untold.append(note)
+        self._unreported.append(note)
         self._server.note(encode_note(note))
 
     def _respond(
@@ -445,10 +445,10 @@ class _PacketClient:
     ) -> None:
         waiting, asked, source = self._waiting.pop(number or 0, (None, 0, ""))
         if waiting is not None:
-            ended = [note for note in tuple(self._untold) if note.source == source]
+            ended = [note for note in tuple(self._unreported) if note.source == source]
             for note in ended:
                 with contextlib.suppress(ValueError):  # Another thread has reported it.
-                    self._untold.remove(note)
+                    self._unreported.remove(note)
             reply = {"reply": encode(asked, ended).decode()}
             waiting.reply(self._response.encode(reply), time.time_ns())
 
@@ -605,7 +605,7 @@ class _TopicClient:
     def _sender(self, key: tuple[bytes, str]) -> _Sender:
         sender = self._senders.pop(key, None)
         if sender is None:
-            if len(self._senders) >= SENDERS_KEPT:
+            if len(self._senders) >= MAX_SENDERS:
                 self._senders.pop(next(iter(self._senders)))
             sender = _Sender(key)
         self._senders[key] = sender
@@ -614,7 +614,7 @@ class _TopicClient:
     def _source(self, sender: _Sender, packet: Received) -> Source:
         """Return the source of the publisher `sender`, which keeps it until it was silent."""
         server = self._server
-        if server.now_s - sender.heard_s > STREAM_KEPT_S:
+        if server.now_s - sender.heard_s > STREAM_RETENTION_S:
             sender.reported, sender.source = "", None
         sender.heard_s = server.now_s
         if sender.source is None or sender.source.identity.presence is None:

@@ -51,7 +51,7 @@ MODE = Declared(
     "Quantity of the feedback: a force in N, or the torques of three joints in N·m", choices=MODES,
 )  # fmt: skip
 
-FEEDBACK_KEPT = 8
+MAX_FEEDBACK = 8
 """Messages of all publishers together that are taken in one cycle; the newest counts."""
 
 LOOK_PERIOD_S = 0.01
@@ -62,7 +62,7 @@ MESSAGE_BYTES, REQUEST_BYTES = 1024, 256
 """Longest message and request that are read, twice the longest valid ones: longer ones would delay
 the loop, by milliseconds for a request for many parameters."""
 
-SENDERS_KEPT = 64
+MAX_SENDERS = 64
 """Publishers whose last outcome is remembered."""
 
 
@@ -260,7 +260,7 @@ class HapticServer:
             services |= {each.name: each for each in names.services}
         for topic, types in topics.items():
             first = next(iter(types.values()))
-            subscription = node.subscription(f"~/{topic}", first.type_name, FEEDBACK_KEPT)
+            subscription = node.subscription(f"~/{topic}", first.type_name, MAX_FEEDBACK)
             self._taken.append((subscription.poll, types))
         for service in services.values():
             self._services.append(
@@ -296,7 +296,7 @@ class HapticServer:
     def poll(self, now_s: float) -> None:
         """Take the feedback that has arrived, and answer a request from time to time."""
         for poll, types in self._taken:
-            for _ in range(FEEDBACK_KEPT):
+            for _ in range(MAX_FEEDBACK):
                 packet = poll()
                 if packet is None:
                     break
@@ -387,7 +387,7 @@ class HapticServer:
         """Publish a changed outcome of a publisher's messages."""
         if self._results_sent.get(gid) == reason or self._results is None:
             return
-        if gid not in self._results_sent and len(self._results_sent) >= SENDERS_KEPT:
+        if gid not in self._results_sent and len(self._results_sent) >= MAX_SENDERS:
             self._results_sent.pop(next(iter(self._results_sent)))
         self._results_sent[gid] = reason
         outcome = "refused" if reason else "accepted"

@@ -32,7 +32,7 @@ RAW_TYPE = "cardan_msgs/msg/RawPacket"
 LOOK_PERIOD_S = 0.25
 """Period of checks for a subscriber."""
 
-KEPT_S = 5.0
+RETENTION_S = 5.0
 """Time from the first cycle during which cycles are kept for a recorder that was started before the
 session: Zenoh takes up to a second to report it, and a record that lacks the first cycles is not
 replayed exactly."""
@@ -40,7 +40,7 @@ replayed exactly."""
 AT_ONCE = 8
 """Most packets, and most kept cycles, that are published in one cycle of the loop."""
 
-KEPT_PACKETS = 1024
+MAX_PACKETS = 1024
 """Most packets that wait for the loop; beyond, the newest are dropped."""
 
 HIDDEN = "(not recorded)"
@@ -82,7 +82,7 @@ class _RawTap:
         self._packets.clear()
 
     def _take(self, data: bytes, sent: bool, connection: str) -> None:
-        if len(self._packets) < KEPT_PACKETS:
+        if len(self._packets) < MAX_PACKETS:
             self._packets.append(_Packet(time.time_ns(), connection, sent, bytes(data)))
         else:
             self.dropped += 1
@@ -123,7 +123,7 @@ class _ControllerLog:
         """Begin or end according to the subscribers."""
         self._heard = self._publisher.heard
         if self._keeps_until_s == math.inf:
-            self._keeps_until_s = now_s + KEPT_S
+            self._keeps_until_s = now_s + RETENTION_S
         if self._heard or now_s < self._keeps_until_s:
             self._controller.recorder = self._recorder
         else:

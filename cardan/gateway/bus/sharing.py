@@ -85,7 +85,7 @@ fill a link."""
 FREE_S = 0.25
 """Time between states of a free device, which only report that it is free."""
 
-CLAIMS_KEPT = 32
+MAX_CLAIMS = 32
 """Most claims that wait for their turn; beyond, the oldest are dropped."""
 
 MEET_S = 0.5
@@ -97,7 +97,7 @@ LOOK_S = 0.02
 FORCE_S = 0.004
 """Shortest time between two forces for the hand."""
 
-GIVEN_KEPT = 64
+MAX_GIVEN = 64
 """Most commands that the device may not have rendered yet."""
 
 NEWS_S = 0.5
@@ -384,7 +384,7 @@ class DeviceEnd:
         self._port: DevicePort | None = None
         """Passivity port of this engagement; None: there is none."""
         self._sequence = 0
-        self._given: deque[tuple[int, int]] = deque(maxlen=GIVEN_KEPT)
+        self._given: deque[tuple[int, int]] = deque(maxlen=MAX_GIVEN)
         """Commands by the device's count, and by the session's."""
         self._cycled_s = NEVER_S
         self._lease = 0
@@ -550,7 +550,7 @@ def share_until(
                     "that, or choose another --name"
                 )
         stack.enter_context(device)
-        claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
+        claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, MAX_CLAIMS)
         publisher = node.publisher(topic, STATE_TYPE, NEWEST_QOS, express=True)
         router = "" if options.bus.zenoh_config else options.bus.router
         news = News(router, routed=bool(node.neighbors()[0]))
@@ -565,7 +565,7 @@ def share_until(
             force_due_s = math.inf if force_end is None else force_end.due_s
             due_s = min(core.due_s, end_s, now_s + FREE_S, force_due_s)
             received = claims.wait(max(0.0, due_s - now_s))
-            for _ in range(CLAIMS_KEPT):
+            for _ in range(MAX_CLAIMS):
                 if received is None:
                     break
                 core.on_received(received, time.monotonic())

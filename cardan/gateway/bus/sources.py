@@ -13,7 +13,7 @@ from cardan.gateway.arm.validation import LONGEST_NAME
 from cardan.gateway.bus.liveliness import Identity, LivelinessMonitor
 from cardan.types import NEVER_S
 
-STREAM_KEPT_S = LONGEST_BLIND_S
+STREAM_RETENTION_S = LONGEST_BLIND_S
 """Silence after which a publisher loses its stream, and one without a node its name: no stream is
 fresh for longer, with any streamTimeout."""
 
@@ -26,11 +26,11 @@ NAMED_WITHIN_S = 0.2
 """Longest wait of a packet for its sender's token, because tokens and packets travel by different
 queues of Zenoh: less than the allowed delay of a streamed command. A stop does not wait."""
 
-UNNAMED_KEPT = 256
+MAX_UNNAMED = 256
 """Most endpoints without a token that are remembered, so that each waits once; the longest silent
 one is forgotten first."""
 
-SOURCES_KEPT = 64
+MAX_SOURCES = 64
 """Most programs known at a time; the longest silent one is dropped first."""
 
 _PER_PROCESS = re.compile(r"(/_ros2cli|/rqt_gui_(?:py|cpp)_node)_\d+$")
@@ -63,7 +63,7 @@ class Source:
         computer closes its connections, which it does at once."""
         presence = self.identity.presence
         if presence is None:
-            return now_s - self.heard_s > STREAM_KEPT_S
+            return now_s - self.heard_s > STREAM_RETENTION_S
         return not presence.there()
 
     def connected_s(self, now_s: float) -> float:
@@ -73,7 +73,7 @@ class Source:
 
     def stream(self, publisher: Hashable, now_s: float) -> bool:
         """Return whether this publisher may stream now, as the only one."""
-        silent = now_s - self._streamed_s > STREAM_KEPT_S
+        silent = now_s - self._streamed_s > STREAM_RETENTION_S
         begins = silent or publisher != self._publisher
         if begins and not silent and not self._rests:
             return False
@@ -105,7 +105,7 @@ class Unnamed:
         """Return the time until which a packet of `endpoint`, whose token is missing, waits: once
         for all of its packets."""
         until_s = self._until_s.pop(endpoint, now_s + NAMED_WITHIN_S)
-        if len(self._until_s) >= UNNAMED_KEPT:
+        if len(self._until_s) >= MAX_UNNAMED:
             del self._until_s[next(iter(self._until_s))]
         self._until_s[endpoint] = until_s
         return until_s
@@ -149,10 +149,10 @@ class Sources:
         """Record that a packet of `source` has arrived; it gets its name at its begin, and after a
         silence."""
         key = source.identity.key
-        if self._sources.pop(key, None) is None and len(self._sources) >= SOURCES_KEPT:
+        if self._sources.pop(key, None) is None and len(self._sources) >= MAX_SOURCES:
             self._forget(next(iter(self._sources)))
         self._sources[key] = source
-        if now_s - source.heard_s > STREAM_KEPT_S:
+        if now_s - source.heard_s > STREAM_RETENTION_S:
             self._rename(source, now_s)
         source.heard_s = now_s
         return source

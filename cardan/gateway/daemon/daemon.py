@@ -56,8 +56,8 @@ from cardan.types import NEVER_S
 POLL_S: Final = 0.1
 """Period of checks of its processes."""
 
-LINES_KEPT: Final = 2000
-CHARACTERS_KEPT: Final = 2_000_000
+MAX_LINES: Final = 2000
+MAX_CHARACTERS: Final = 2_000_000
 """Most lines of output kept for later requests, and their total characters: one answer has them
 all."""
 
@@ -70,7 +70,7 @@ CALLS_A_TURN: Final = 500
 GOING_ON: Final = 16
 """Most continuing requests of one connection: `watch`, `log -f` and `events -f`."""
 
-EVENTS_KEPT: Final = 1000
+MAX_EVENTS: Final = 1000
 """Events kept for later requests; the event log has more."""
 
 WATCH_PERIODS_S: Final = (0.1, 60.0)
@@ -121,7 +121,7 @@ class Daemon:
         self._watchers: dict[tuple[int, int], _Watcher] = {}
         self._followers: dict[tuple[int, int], tuple[ControlConnection, Ask]] = {}
         self._notifier = Notifier()
-        self._recent: deque[Event] = deque(maxlen=EVENTS_KEPT)
+        self._recent: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._event_log: EventLog | None = None
         self._ids = itertools.count(1)
         self._routes: dict[tuple[str, int], _Route] = {}
@@ -543,7 +543,7 @@ class Daemon:
             _log.warning("%d lines of processes were left out: they came too fast", dropped)
         self._lines.append(line)
         self._characters += len(line.text)
-        while len(self._lines) > LINES_KEPT or self._characters > CHARACTERS_KEPT:
+        while len(self._lines) > MAX_LINES or self._characters > MAX_CHARACTERS:
             self._characters -= len(self._lines.popleft().text)
         level = getattr(logging, line.level.upper())
         _log.log(level, "%s| %s", line.name, line.text, extra=fields(name=line.name, event="said"))

@@ -22,7 +22,7 @@ from cardan.gateway.session.snapshot import Snapshot
 FILE_BYTES: Final = 10_000_000
 """Size at which the event log is rotated: about 60,000 events."""
 
-FILES_KEPT: Final = 5
+MAX_FILES: Final = 5
 """Number of older logs that are kept, as NAME.1 to NAME.5."""
 
 _log = logging.getLogger(__name__)
@@ -183,7 +183,7 @@ class EventLog:
         new = self.path.with_name(f"{self.path.name}.new")
         fresh = self._opened(new)
         try:
-            for number in range(FILES_KEPT - 1, -1, -1):
+            for number in range(MAX_FILES - 1, -1, -1):
                 with contextlib.suppress(FileNotFoundError):
                     os.replace(self._numbered(number), self._numbered(number + 1))
             os.replace(new, self.path)

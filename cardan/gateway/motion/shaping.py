@@ -28,7 +28,7 @@ from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 _THESIS_LOOP_S = 0.1
 """Period of the thesis's control loop: its damping factor is the share of one step."""
 
-_KEPT_WAY_RAD = 0.2
+_SAME_DIRECTION_RAD = 0.2
 """Angle beyond half a turn up to which a rotation keeps its chosen direction."""
 
 _FORMED = 0.98
@@ -540,7 +540,7 @@ class PoseShaper:
         tick."""
         before = self._turn
         angle = norm(short)
-        if before is None or angle < math.pi - _KEPT_WAY_RAD:
+        if before is None or angle < math.pi - _SAME_DIRECTION_RAD:
             return short
         if dot(short, before) >= 0.0:
             return short

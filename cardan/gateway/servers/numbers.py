@@ -15,10 +15,10 @@ from cardan.gateway.servers.read_only import network_for
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.servers.web import ListenerConnection
 
-KEPT = 64
+CAPACITY = 64
 """Most numbers kept for the addresses of clients that have left; the oldest are dropped first."""
 
-KEPT_S = 3600.0
+RETENTION_S = 3600.0
 """Time for which they are kept."""
 
 
@@ -38,7 +38,7 @@ class ClientNumbers:
         try:
             yield number
         finally:
-            self._left = [*self._left[1 - KEPT :], (address, number, self._clock())]
+            self._left = [*self._left[1 - CAPACITY :], (address, number, self._clock())]
 
     @contextlib.contextmanager
     def joined(
@@ -59,7 +59,7 @@ class ClientNumbers:
 
     def _take(self, address: str) -> int:
         now_s = self._clock()
-        self._left = [each for each in self._left if now_s - each[2] <= KEPT_S]
+        self._left = [each for each in self._left if now_s - each[2] <= RETENTION_S]
         for each in reversed(self._left):
             if each[0] == address:
                 self._left.remove(each)

@@ -75,7 +75,7 @@ BACKLOG = 1024
 """Connections that the system keeps until this server takes them: further clients have to retry,
 which systems do after a whole second."""
 
-ARRIVALS_KEPT = 256
+MAX_ARRIVALS = 256
 ARRIVALS_PERIOD_S = 0.01
 """Number of kept samples of the bytes that had arrived, and their spacing: longer together than a
 client may be backlogged."""
@@ -259,7 +259,7 @@ class Arrivals:
         newest_s, before = self._seen[-1]
         if now_s - newest_s < ARRIVALS_PERIOD_S:
             return  # Bytes that came since count as that much older.
-        if len(self._seen) >= ARRIVALS_KEPT:
+        if len(self._seen) >= MAX_ARRIVALS:
             del self._seen[1]
         self._seen.append((now_s, max(arrived, before)))
 

@@ -35,7 +35,7 @@ class ArmSnapshot:
     message: str = ""
     trips: int = 0
     authority: str = ""
-    """Source with authority over the arm: "hand", "verbs", or a stream's owner; empty: none."""
+    """Source with authority over the arm: "device", "verbs", or a stream's owner; empty: none."""
     authority_s: float | None = None
     """Time for which it has had it, s."""
     authority_refused: str = ""

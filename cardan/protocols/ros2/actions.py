@@ -14,10 +14,10 @@ from cardan.protocols.ros2.zenoh import Qos
 STATUS_QOS = Qos(transient_local=True, depth=1)
 FEEDBACK_QOS = Qos(depth=10)
 
-KEPT_S = 900.0
+RETENTION_S = 900.0
 """Time for which a result is kept for later requests: 15 minutes, as in rcl."""
 
-KEPT = 64
+CAPACITY = 64
 """Most goals kept, and most cancellations of goals that have not arrived. Beyond it the goals that
 ended first, and the oldest cancellations, are dropped."""
 
@@ -80,7 +80,7 @@ class Goals:
     has a result, and a client that waits for the result must get CANCELED.
     """
 
-    def __init__(self, retained: int = KEPT, retained_s: float = KEPT_S) -> None:
+    def __init__(self, retained: int = CAPACITY, retained_s: float = RETENTION_S) -> None:
         self._retained, self._retained_s = retained, retained_s
         self._goals: dict[bytes, Goal] = {}
         self._canceled_before: dict[bytes, None] = {}

@@ -44,7 +44,7 @@ FIRST_SIGNAL = 11120
 """Bit address of MotoROS's first feedback output."""
 
 _TOLERANCE_S = 1e-9
-_KEPT_EVENTS = 1000
+_MAX_EVENTS = 1000
 
 Steps = Generator[float, None, bool]
 """Waiting task of a server: it yields how long to wait, and returns whether it succeeded."""
@@ -120,7 +120,7 @@ class MotomanRobot:
         """Messages 2040 and 2041 since the start."""
         self.connections: set[str] = set()
         """Ports with a client, of "motion", "state" and "io"; kept by the servers."""
-        self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
+        self.events: deque[tuple[float, str]] = deque(maxlen=_MAX_EVENTS)
         """Recent events, with their times."""
         self.log: list[tuple[float | int | str, ...]] = []
         """Group 0, one row an IPC, when options.log is given; the writer empties it."""

@@ -29,7 +29,7 @@ NODE = "simulated_arm"
 STATES_TOPIC = "/joint_states"
 DESCRIPTION_TOPIC, DESCRIPTION_TYPE = "/robot_description", "std_msgs/msg/String"
 
-COMMANDS_KEPT = 10
+MAX_COMMANDS = 10
 """ROS 2's default depth."""
 
 
@@ -78,7 +78,7 @@ class RosArmPeer(SimulatedPeer):
         self._node = node
         topic, type_name = TOPICS[self.options.controller]
         if self.core.loaded:
-            self._commands = node.waiting_subscription(topic, type_name, COMMANDS_KEPT)
+            self._commands = node.waiting_subscription(topic, type_name, MAX_COMMANDS)
         self._publishers = {self.core.sender: node.publisher(STATES_TOPIC, JOINT_STATE)}
         if "gripper" in self.options.faults:
             self._publishers[GRIPPER_SENDER] = node.publisher(STATES_TOPIC, JOINT_STATE)

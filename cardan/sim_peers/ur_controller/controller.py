@@ -55,7 +55,7 @@ JOINT_RANGE: Final = math.radians(363.0)
 """Range of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
 STOP_CODE: Final = 204
 """Error of every protective stop: UR's for a failed path check."""
-_KEPT_EVENTS = 10_000
+_MAX_EVENTS = 10_000
 _MOST_MESSAGES = 1_000
 """Most waiting messages; further messages of a program are lost."""
 _ITS_END = "its end"
@@ -120,7 +120,7 @@ class UrController:
         self.program_name = ""
         self.messages: list[bytes] = []
         """Next messages of the primary interface; the sender removes them."""
-        self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
+        self.events: deque[tuple[float, str]] = deque(maxlen=_MAX_EVENTS)
         """The newest events, (time_s, text)."""
         self._program: Machine | None = None
         self._ordered: Callable[[], None] | None = None

@@ -27,7 +27,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.at("slider-zero", "the speed slider goes to 0"),
     FaultSwitch.flag("in-use", "a fieldbus has the input registers"),
     FaultSwitch.flag("shared-inputs", "inputs that one client writes are given to another, too"),
-    FaultSwitch.flag("kept-inputs", "inputs of a client that has gone stay in use"),
+    FaultSwitch.flag("stale-inputs", "inputs of a client that has gone stay in use"),
     FaultSwitch.flag("no-version-1", "RTDE clients that speak version 1 are refused"),
     FaultSwitch.flag("fewer-outputs", "output variables that a later version added are not found"),
     FaultSwitch.flag("no-script", "programs are taken and never begun: the controller is busy"),

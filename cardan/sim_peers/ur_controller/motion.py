@@ -65,7 +65,7 @@ from cardan.spatial import (
 )
 from cardan.types import IDENTITY_POSE, Pose as Frame, Vector3
 
-KEPT_POSITIONS: Final = 1000
+MAX_POSITIONS: Final = 1000
 """Frames of history for `get_actual_joint_positions_history`."""
 HARDEST_N: Final = 150.0
 """Contact force at which the safety system stops the arm."""
@@ -202,7 +202,7 @@ class ArmMotion:
         self._contact_frames = 0
         self._hard = False
         self._rest_s = 0.0
-        self._past: deque[tuple[float, ...]] = deque([tuple(start)], maxlen=KEPT_POSITIONS)
+        self._past: deque[tuple[float, ...]] = deque([tuple(start)], maxlen=MAX_POSITIONS)
         self._q = list(start)
         """Joints commanded by the program's motion, rad; force mode adds to them."""
         self._qd = [0.0] * AXES

@@ -41,7 +41,7 @@ class Claims:
         self._in_use = faults.get("in-use", 0.0) > 0.0
         """True if a fieldbus uses all variables."""
         self._shared = faults.get("shared-inputs", 0.0) > 0.0
-        self._retains_inputs = faults.get("kept-inputs", 0.0) > 0.0
+        self._retains_inputs = faults.get("stale-inputs", 0.0) > 0.0
         self.foreign = 0
         """Number of clients that spoke another protocol."""
 

@@ -62,10 +62,10 @@ from cardan_dds.wire import (
 LONGEST_CALL_S = 3600.0
 """Longest wait for the reply to a call without a time limit."""
 
-KEPT = 100
+DEPTH = 100
 """Messages of a topic that wait for this process; beyond it the oldest are lost."""
 
-LATCHED_KEPT = 32
+LATCHED_DEPTH = 32
 """Messages of a latched topic that are kept for late subscribers: if several nodes of the other
 side publish a topic, each one's newest."""
 
@@ -244,7 +244,7 @@ class DdsNetwork:
 
     def advertise(self, topic: str, type_name: str, latched: bool) -> _Sender:
         """Return a publisher. Raises NetworkError."""
-        qos = Qos(transient_local=latched, depth=LATCHED_KEPT if latched else KEPT)
+        qos = Qos(transient_local=latched, depth=LATCHED_DEPTH if latched else DEPTH)
         return self._retained(_Sender(self.hub, self.full_name, _checked(topic), type_name, qos))
 
     def call(
@@ -591,7 +591,7 @@ class _Subscription(_Given):
         self._reader = None
         self._drop()
         # Only reliable readers get latched messages.
-        qos = Qos(reliable or latched, latched, KEPT)
+        qos = Qos(reliable or latched, latched, DEPTH)
         self._reader = self._hub.make_reader(
             TOPIC, self._topic, type_name, qos, topic_user_data(type_name)
         )

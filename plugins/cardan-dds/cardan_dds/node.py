@@ -37,7 +37,7 @@ from cardan_dds.wire import (
     user_data,
 )
 
-WRITERS_KEPT = 64
+MAX_WRITERS = 64
 """Writers of a topic whose messages are counted."""
 
 HANDLE_BYTES = 8
@@ -245,7 +245,7 @@ class DdsSubscription:
         for sample in self._reader.take():
             counted = self._counts.get(sample.writer)
             if counted is None:
-                if len(self._counts) >= WRITERS_KEPT:
+                if len(self._counts) >= MAX_WRITERS:
                     self._counts.pop(next(iter(self._counts)))
                 counted = self._counts[sample.writer] = itertools.count(1)
             number = next(counted)

@@ -185,7 +185,7 @@ class _Packet(NamedTuple):
 class _Flow(NamedTuple):
     """Packets between an address and port of the tested side, and one of ours."""
 
-    judged: Endpoint
+    tested: Endpoint
     ours: Endpoint
     client: Endpoint
     """The endpoint that connects to the other's known port."""
@@ -194,7 +194,7 @@ class _Flow(NamedTuple):
     @property
     def known(self) -> Endpoint:
         """The endpoint other than the client."""
-        return self.judged if self.client == self.ours else self.ours
+        return self.tested if self.client == self.ours else self.ours
 
     @property
     def ways(self) -> set[bool]:
@@ -223,9 +223,9 @@ class _Reading(ABC):
         self._count = 0
 
     @property
-    def judged(self) -> dict[str, None]:
+    def tested(self) -> dict[str, None]:
         """Return the tested hosts, in the order of their first packet."""
-        return dict.fromkeys(flow.judged.host for flow in self._flows.values())
+        return dict.fromkeys(flow.tested.host for flow in self._flows.values())
 
     def take(self, segment: Segment, time_ns: int) -> bool:
         """Return True if the segment is one of the protocol's."""
@@ -270,7 +270,7 @@ class _Reading(ABC):
         count: Counter[tuple[str, Endpoint]] = Counter()
         for flow in strays:
             if hosts and flow.client.host not in hosts:
-                del self._flows[flow.judged, flow.ours]
+                del self._flows[flow.tested, flow.ours]
                 count[flow.client.host, flow.known] += len(flow.packets)
         self.strays = [
             f"{packets} packets between {host} and {known} are strays, and not judged"
@@ -304,7 +304,7 @@ class _Udp(_Reading):
         if flow.ways == {True}:
             return True
         few = len(flow.packets) < STRAY_DATAGRAMS
-        return few and flow.ways == {False} and flow.client == flow.judged
+        return few and flow.ways == {False} and flow.client == flow.tested
 
     def read(self, flows: list[_Flow]) -> None:
         clients = _one_after_another(flows)
@@ -315,14 +315,14 @@ class _Udp(_Reading):
             channels: dict[Endpoint, str] = {}
             packets = sorted((p for flow in of_client for p in flow.packets), key=_as_they_came)
             for time_ns, number, sent, names, segment in packets:
-                judged, ours = _ends(segment, sent)
+                tested, ours = _ends(segment, sent)
                 ordered = [name for name in self.ports if name in names]
                 channel = channels.setdefault(ours, ordered[min(len(channels), len(ordered) - 1)])
                 if segment.cut:
                     lacks[index].append("the capture cut some of its datagrams")
                     continue
                 channel += f" {index + 1}" if index else ""
-                note = "" if sent else str(judged)
+                note = "" if sent else str(tested)
                 event = WireEvent(0.0, Kind.DATA, sent, channel, segment.payload, note)
                 found.append((time_ns, number, event))
                 owners[number] = index
@@ -527,7 +527,7 @@ def _check_flows(
         raise CaptureError(f"{name}: it has no packets")
     ports = " ".join(map(str, sorted(set(reading.ports.values()))))
     where = f"{reading.protocol} {ports}" + (f" of {reading.host}" if reading.host else "")
-    if not reading.judged:
+    if not reading.tested:
         flows = [*capture.hints.flows()]
         more = f" and {len(flows) - MOST_REPORTED} more" if len(flows) > MOST_REPORTED else ""
         there = f"there are {', '.join(flows[:MOST_REPORTED])}{more}" if flows else "there are none"
@@ -535,16 +535,16 @@ def _check_flows(
         raise ConfigurationError(
             "--capture", f"{name} has no flow at {where}: {there}; --target says which one{hints}"
         )
-    if len(reading.judged) > 1:
-        listed = ", ".join(reading.judged)
+    if len(reading.tested) > 1:
+        listed = ", ".join(reading.tested)
         raise ConfigurationError(
             "--target", f"{name} has several that can be judged, {listed}: give one as HOST"
         )
     if all(event.sent for _, event in reading.events):
-        (judged,) = reading.judged
+        (tested,) = reading.tested
         raise ConfigurationError(
             "--capture",
-            f"{name} has nothing of {judged}, which is judged, only what it was sent",
+            f"{name} has nothing of {tested}, which is judged, only what it was sent",
         )
 
 

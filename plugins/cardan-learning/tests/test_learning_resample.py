@@ -27,7 +27,7 @@ def stamp(stamp_s):
 
 
 def instant(
-    at_s, *, node=NODE, authority="hand", closed=False, log_s=None, ahead=0.1, joints=JOINTS
+    at_s, *, node=NODE, authority="device", closed=False, log_s=None, ahead=0.1, joints=JOINTS
 ):
     """A session's messages of an instant: x is the time, and so are the joints."""
     log_s = at_s if log_s is None else log_s
@@ -143,7 +143,7 @@ def test_an_instant_ahead_of_those_around_it_is_left_out_and_reported(tmp_path, 
 
 def test_an_episode_each_engagement(tmp_path):
     def owner(at_s):
-        return "hand" if 1.5 <= at_s < 2.5 else "verbs" if 3.0 <= at_s < 3.5 else ""
+        return "device" if 1.5 <= at_s < 2.5 else "verbs" if 3.0 <= at_s < 3.5 else ""
 
     path = recorded(tmp_path / "r.mcap", steadily(3.0), authority=owner)
     frames = read_frames([path], 10, each_engagement=True)
@@ -156,7 +156,7 @@ def test_an_episode_each_engagement(tmp_path):
 
 def test_an_engagement_that_is_too_short_is_reported(tmp_path):
     def owner(at_s):
-        return "hand" if 1.5 <= at_s < 1.54 or at_s > 2.0 else ""
+        return "device" if 1.5 <= at_s < 1.54 or at_s > 2.0 else ""
 
     path = recorded(tmp_path / "r.mcap", steadily(2.0), authority=owner)
     frames = read_frames([path], 10, each_engagement=True)

@@ -98,7 +98,7 @@ def test_the_policy_says_whether_the_hand_takes_it_from_others(policy, taken):
 @pytest.mark.parametrize("policy", [AuthorityPolicy.OPERATOR, AuthorityPolicy.FIRST])
 def test_nobody_takes_it_from_the_hand(policy):
     authority = owned_by(OPERATOR, policy)
-    assert "'hand' has authority" in authority.take(VERBS, 10.1)
+    assert "'device' has authority" in authority.take(VERBS, 10.1)
 
 
 def test_where_it_is_reserved_only_who_is_named_has_it():

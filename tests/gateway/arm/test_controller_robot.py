@@ -281,7 +281,7 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
     assert world.owner == "a"
     assert not world.verbs.controller.following
     status = world.verbs.controller.status()
-    assert status.authority.refused == "hand: 'a' has authority over the arm"
+    assert status.authority.refused == "device: 'a' has authority over the arm"
     assert "'a' has authority over the arm" in status.message
     world.rest()  # The stream is silent; its lease still runs.
     world.act()
@@ -292,7 +292,7 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
     assert world.owner == OPERATOR
     assert world.verbs.controller.phase is Phase.HOLDING
     assert world.verbs.controller.message == ""
-    with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
+    with pytest.raises(MotionRefusedError, match="'device' has authority over the arm"):
         world.verbs.set_parameter("cpsc", "twst")
 
 
@@ -304,7 +304,7 @@ def test_with_the_policy_hand_the_act_takes_the_arm_from_a_stream():
     world.act()
     assert world.owner == OPERATOR
     assert "the operator device took over" in world.verbs.stream("twist", DOWN, owner="a")
-    with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
+    with pytest.raises(MotionRefusedError, match="'device' has authority over the arm"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.05))
 
 

@@ -316,16 +316,16 @@ REFUSED = [
     ("hand_over", ("",), f"hand_over: {NO_NAME} ''"),
     ("hand_over", (None,), f"hand_over: {NO_NAME} None"),
     ("hand_over", (LONG,), f"hand_over: {NO_NAME} {CUT}"),
-    ("acquire", ("hand",), "acquire: 'hand' is the operator device, no program"),
+    ("acquire", ("device",), "acquire: 'device' is the operator device, no program"),
     ("acquire", (LONG,), f"acquire: {NO_NAME} {CUT}"),
-    ("release", ("hand",), "release: 'hand' is the operator device, no program"),
+    ("release", ("device",), "release: 'device' is the operator device, no program"),
     ("release", (LONG,), f"release: {NO_NAME} {CUT}"),
     ("release", (5,), f"release: {NO_NAME} 5"),
 ]
 """Requests that every way to an arm refuses: verb, arguments, message."""
 
 STREAMS_REFUSED = [
-    ("twist", SIX, {"owner": "hand"}, "twist: 'hand' is the operator device, no program"),
+    ("twist", SIX, {"owner": "device"}, "twist: 'device' is the operator device, no program"),
     ("twist", SIX, {"owner": LONG}, f"twist: {NO_NAME} {CUT}"),
     ("twist", SIX, {"owner": 5}, f"twist: {NO_NAME} 5"),
     ("twist", SIX, {"sequence": "x"}, f"twist: the sequence number 'x' {NO_SEQUENCE}"),

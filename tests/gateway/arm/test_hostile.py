@@ -133,7 +133,7 @@ def test_velocities_are_not_corrected_by_readings_that_are_not_believed():
 
 
 @pytest.mark.parametrize("joints", [(), (0.0,) * 7])
-@pytest.mark.parametrize("doing", ["torque", "recovery", "stream", "hand"])
+@pytest.mark.parametrize("doing", ["torque", "recovery", "stream", "operator"])
 def test_states_of_another_arm_never_raise(joints, doing):
     world = HandWorld()
     if doing == "torque":
@@ -313,7 +313,7 @@ def test_a_clutch_let_go_as_a_filter_fails_is_let_go():
     assert bench.core.phase is Phase.DISARMED
 
 
-@pytest.mark.parametrize("how", ["stop", "request_stop", "hand", "lost"])
+@pytest.mark.parametrize("how", ["stop", "request_stop", "operator", "lost"])
 def test_what_happens_while_a_motion_is_worked_out_counts(how):
     world = HandWorld()
     controller = world.verbs.controller
@@ -323,7 +323,7 @@ def test_what_happens_while_a_motion_is_worked_out_counts(how):
             world.verbs.stop()
         elif how == "request_stop":
             controller.inhibit("enough", Inhibit.FOR_GOOD)
-        elif how == "hand":
+        elif how == "operator":
             world.arm_hand()
         else:
             world.link = RobotLink.LOST
@@ -332,7 +332,7 @@ def test_what_happens_while_a_motion_is_worked_out_counts(how):
             world.tick()
 
     planned_meanwhile(world, meanwhile)
-    if how == "hand":
+    if how == "operator":
         controller.authority.release("verbs")
     with pytest.raises(MotionRefusedError):
         world.verbs.movl(world.moved(0.0, 0.0, -0.1))

@@ -42,7 +42,7 @@ class Recorded:
         self.log.append(f"send {command.velocities[0]:.0f}")
 
     def state(self):
-        self.log.append("hand")
+        self.log.append("device")
         return DeviceState(0.0, DeviceLink.LIVE, (0.0,) * 6, frozenset({"left"}))
 
     def button_events(self):
@@ -69,7 +69,7 @@ def test_the_device_is_looked_at_in_the_tick_that_it_drives():
     all_of_it = Recorded(1)
     loop = ArmLoop(all_of_it, all_of_it, all_of_it)
     (cycle,) = loop.cycles()
-    assert all_of_it.log == ["state 0", "hand", "events", "tick 0", "send 0"]
+    assert all_of_it.log == ["state 0", "device", "events", "tick 0", "send 0"]
     assert all_of_it.given == (cycle.device, tuple(cycle.events))
     assert cycle.device.buttons == {"left"}
     assert cycle.events[0].pressed

@@ -71,9 +71,9 @@ def test_stop_after_the_end_is_done_only_where_the_arm_is_known_to_rest():
     arm.stop()  # It is closed.
 
 
-@pytest.mark.parametrize("source", ["", "hand", "x" * 65])
+@pytest.mark.parametrize("source", ["", "device", "x" * 65])
 def test_a_source_has_a_name_of_its_own(source):
-    with pytest.raises(OptionError, match=r"source: .* other than 'hand'"):
+    with pytest.raises(OptionError, match=r"source: .* other than 'device'"):
         reported(lambda _asked: [], source)
 
 

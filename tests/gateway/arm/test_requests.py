@@ -64,7 +64,7 @@ VALUES = {
     "twist": (SIX, SIX),
     "wrench": (SIX, SIX),
     "joints": ((0.1,) * 7, [0.1] * 7),
-    "hand_over": ("hand", "hand"),
+    "hand_over": ("device", "device"),
     "get_parameter": ("poseDamping", int(Parameter.DAMPING)),
     "set_parameters": (
         {"cpsc": "twst", "trajectoryRefSpeed": 0.1},
@@ -165,7 +165,7 @@ def test_parameters_that_do_not_exist_are_refused_before_they_leave():
         (b'{"id":1e999}', "no JSON", None),
         (b'{"id":NaN}', "no JSON", None),
         (b'{"id":1}', "source", 1),
-        (b'{"id":1,"source":"hand","verb":"stop"}', "operator device", 1),
+        (b'{"id":1,"source":"device","verb":"stop"}', "operator device", 1),
         (b'{"id":1,"source":"a","verb":"fly"}', "there is no 'fly'; allowed: stat, inv", 1),
         (b'{"id":1,"source":"a","verb":[]}', "there is no", 1),
         (b'{"id":1,"source":"a","verb":"stop","value":1}', "takes no 'value'", 1),

@@ -75,7 +75,7 @@ POSE = Pose(Vector3(0.4, 0.0, 0.3), Quaternion(0.0, 1.0, 0.0, 0.0), Frame.BASE)
         ("wait 2.5", ("wait", 2.5)),
         ("stop", ("stop",)),
         ("act close", ("act", "accg")),
-        ("hand_over hand", ("hand_over", "hand")),
+        ("hand_over device", ("hand_over", "device")),
         ("get_parameter gain", ("get_parameter", "gain")),
         (
             "set_parameter trajectoryRefSpeed 0.1",

@@ -5,7 +5,7 @@ import pytest
 from cardan.gateway.bus.actions import MAX_WAITING
 from cardan.gateway.bus.arm_server import GOALS_PERIOD_S
 from cardan.gateway.bus.commands import Instant
-from cardan.protocols.ros2.actions import KEPT, CancelCode, GoalStatus
+from cardan.protocols.ros2.actions import CAPACITY, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.bus.bench import Asked, Bench, ros_pose
@@ -311,11 +311,11 @@ def test_a_goal_that_nobody_sent_has_no_result(bench):
 
 
 def test_results_are_kept_for_a_bounded_number_of_goals(bench):
-    for number in range(1, KEPT + 11):
+    for number in range(1, CAPACITY + 11):
         send(bench, "movl", {"x": {"position": {"x": 9}}}, number=number)
-    assert len(states(bench, "movl")) == KEPT
+    assert len(states(bench, "movl")) == CAPACITY
     assert result(bench, "movl", 1)[0] is GoalStatus.UNKNOWN
-    assert result(bench, "movl", KEPT + 10)[0] is GoalStatus.ABORTED
+    assert result(bench, "movl", CAPACITY + 10)[0] is GoalStatus.ABORTED
 
 
 def test_who_waits_for_a_result_is_bounded(bench):

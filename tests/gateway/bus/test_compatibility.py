@@ -14,7 +14,7 @@ from cardan.gateway.bus.compatibility import (
     same_topics,
     servo_status,
 )
-from cardan.gateway.bus.sources import BEGINS_S, STREAM_KEPT_S
+from cardan.gateway.bus.sources import BEGINS_S, STREAM_RETENTION_S
 from cardan.protocols.ros2.cdr import Codec, codec_of
 from cardan.types import CommandKind, RobotLink
 from tests.gateway.bus.bench import Bench, ros_pose
@@ -94,7 +94,7 @@ def test_a_stream_that_was_stopped_does_not_begin_again_by_itself(bench):
     stream(bench, TWIST, twist(z=0.1), 2 * BEGINS_S)
     assert untouched(bench)
     assert "does not begin again by itself" in outcomes(bench)[-1][2]
-    rest(bench, STREAM_KEPT_S + DT_S)
+    rest(bench, STREAM_RETENTION_S + DT_S)
     stream(bench, TWIST, twist(z=0.1))
     assert bench.world.verbs.commanded.moving
 

@@ -25,7 +25,7 @@ def test_servo_scales_are_servos_own_unless_reported():
         ("servo_linear_m_s", 0.0, "0.0001 to 5"),
         ("base_frame", "", "the name of a frame"),
         ("tcp_frame", "base_link", "another name than base_frame"),
-        ("source", "hand", "is the device"),
+        ("source", "device", "is the device"),
         ("name", "two words", "words of letters"),
         ("name", "", "words of letters"),
         ("name", "a/b", "without slashes"),

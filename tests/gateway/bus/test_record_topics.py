@@ -8,7 +8,7 @@ from cardan.drivers.sim_arm import SimArm
 from cardan.gateway.arm.cycle_record import decode_cycle
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.states import Inhibit
-from cardan.gateway.bus.record_topics import AT_ONCE, HIDDEN, KEPT_PACKETS, KEPT_S, RecordTopics
+from cardan.gateway.bus.record_topics import AT_ONCE, HIDDEN, MAX_PACKETS, RETENTION_S, RecordTopics
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 from cardan.protocols.joint_stream.codec import MalformedDatagram, decode_state
@@ -85,7 +85,7 @@ def test_what_is_kept_still_goes_out_when_the_session_ends(bench):
 
 
 def test_nothing_is_kept_for_long(bench):
-    bench.run(round(KEPT_S / 0.004) + 100)
+    bench.run(round(RETENTION_S / 0.004) + 100)
     assert bench.controller.recorder is None
     assert not bench.record_topics._log._cycles
     bench.log.heard = True
@@ -96,7 +96,7 @@ def test_nothing_is_kept_for_long(bench):
 
 def test_it_ends_when_the_recorder_has_gone(bench):
     bench.log.heard = bench.raw.heard = True
-    bench.run(round(KEPT_S / 0.004) + 100)
+    bench.run(round(RETENTION_S / 0.004) + 100)
     assert bench.robot.raw_packet_callback is not None
     bench.log.heard = bench.raw.heard = False
     bench.run(100)
@@ -140,7 +140,7 @@ def test_raw_bytes_are_those_that_were_exchanged(bench):
 def test_raw_bytes_for_which_there_is_no_room_are_counted(bench):
     bench.raw.heard = True
     bench.run(10)
-    for _ in range(KEPT_PACKETS + 7):
+    for _ in range(MAX_PACKETS + 7):
         bench.robot.raw_packet_callback(b"x", False, "")
     assert bench.record_topics.dropped == 7
     bench.run(1)

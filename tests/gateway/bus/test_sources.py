@@ -8,7 +8,7 @@ from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S
 from cardan.gateway.arm.vocab import Stream
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE
-from cardan.gateway.bus.sources import BEGINS_S, NAMED_WITHIN_S, SOURCES_KEPT, STREAM_KEPT_S
+from cardan.gateway.bus.sources import BEGINS_S, MAX_SOURCES, NAMED_WITHIN_S, STREAM_RETENTION_S
 from cardan.protocols.ros2.zenoh import CLIENT
 from cardan.types import NEVER_S
 from tests.gateway.bus.bench import Bench
@@ -190,7 +190,7 @@ def test_a_stream_that_was_refused_for_long_does_not_take_over_by_itself(bench):
     first.leave()
     assert together(bench, LEASE_S + 2.0, second) == pytest.approx(0.0, abs=0.02)
     assert "send zero, first" in outcomes(bench)[-1][2]
-    together(bench, STREAM_KEPT_S + 0.1)
+    together(bench, STREAM_RETENTION_S + 0.1)
     assert together(bench, 1.0, second) > 0.05
 
 
@@ -231,7 +231,7 @@ def test_nobody_takes_a_stream_by_gids_of_nobody(bench):
     first = Node(bench, "/joystick", "b0", -SPEED_M_S)
     together(bench, 0.2, first)
     before = bench.world.six()[2]
-    for number in range(4 * SOURCES_KEPT):
+    for number in range(4 * MAX_SOURCES):
         Node(bench, "", f"{number:x}", SPEED_M_S, appears=False).send()
         bench.poll(DT_S)
         bench.world.tick()

@@ -3,12 +3,12 @@
 import contextlib
 import json
 
-from cardan.gateway.daemon.events import FILES_KEPT
+from cardan.gateway.daemon.events import MAX_FILES
 
 
 def read_events(path):
     """The events of a log and its older files, the oldest first; broken lines are left out."""
-    files = [path.with_name(f"{path.name}.{number}") for number in range(FILES_KEPT, 0, -1)]
+    files = [path.with_name(f"{path.name}.{number}") for number in range(MAX_FILES, 0, -1)]
     for file in filter(type(path).exists, (*files, path)):
         for line in file.read_text("utf-8", "replace").splitlines():
             with contextlib.suppress(ValueError, RecursionError):

@@ -9,7 +9,7 @@ import pytest
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.events import (
-    FILES_KEPT,
+    MAX_FILES,
     Event,
     EventLog,
     SessionWatch,
@@ -46,8 +46,8 @@ def test_nothing_new_is_no_event(watch):
 
 
 def test_who_took_the_authority_and_what_moved(watch):
-    found = reported(watch, arm__authority="hand", arm__phase="moving")
-    assert found == [("authority", "hand", ""), ("arm", "moving", "")]
+    found = reported(watch, arm__authority="device", arm__phase="moving")
+    assert found == [("authority", "device", ""), ("arm", "moving", "")]
     found = reported(
         watch, arm__phase="braking", arm__message="the device was unplugged", arm__trips=1
     )
@@ -88,7 +88,7 @@ def test_the_log_is_turned_over(tmp_path):
         log.write(Event(float(number), "gofa", "arm", "moving"))
     log.close()
     files = sorted(each.name for each in tmp_path.iterdir())
-    assert files == ["events.jsonl", *(f"events.jsonl.{n}" for n in range(1, FILES_KEPT + 1))]
+    assert files == ["events.jsonl", *(f"events.jsonl.{n}" for n in range(1, MAX_FILES + 1))]
     assert all(each.stat().st_size <= 500 for each in tmp_path.iterdir())
     times = [event["time_s"] for event in read_events(log.path)]
     assert times == sorted(times)

@@ -49,7 +49,7 @@ MOVING = Snapshot.of(
         "refusals": {"malformed": 1, "verb": 6, "busy": 0},
         "arm": {
             "phase": "moving",
-            "authority": "hand",
+            "authority": "device",
             "trips": 2,
             "limits": ["workspace", "joint"],
         },
@@ -153,7 +153,7 @@ def test_prometheus_reads_the_figures(server, accept, parse, content_type):
     assert value(found, "cardan_session_state", state="waiting", session="gone") == 1
     assert value(found, "cardan_arm_phase", phase="moving", **gofa) == 1
     assert value(found, "cardan_arm_phase", phase="disarmed", **gofa) == 0
-    assert value(found, "cardan_authority", source="hand", **gofa) == 1
+    assert value(found, "cardan_authority", source="device", **gofa) == 1
     assert value(found, "cardan_robot_connected", **gofa) == 1
     assert value(found, "cardan_session_cycles_total", **gofa) == 3
     assert value(found, "cardan_cycle_overruns_total", **gofa) == 4

@@ -161,8 +161,8 @@ def test_a_session_is_restarted_once_nobody_has_its_arm(lab):
         ("disarmed", "", False),
         ("disarmed", "verbs", True),
         ("holding", "", False),
-        ("holding", "hand", True),
-        ("moving", "hand", True),
+        ("holding", "device", True),
+        ("moving", "device", True),
         ("moving", "", True),
         ("braking", "", True),
         ("recovering", "", True),
@@ -363,7 +363,7 @@ def test_who_has_a_shared_device_keeps_it_until_it_is_restarted_without_it(lab):
     assert not lab.session("two").reported
     one = lab.session("one")
     one.snapshot = Snapshot.of(
-        {"arm": {"phase": "moving", "authority": "hand"}, "device": {"held": True}}
+        {"arm": {"phase": "moving", "authority": "device"}, "device": {"held": True}}
     )
     lab.file.write_text(SHARED + both.replace('device = "mouse"\n', "", 1))
     lab.reload()

@@ -5,10 +5,10 @@ import pytest
 from cardan.gateway.daemon.config import read_daemon_config
 from cardan.gateway.daemon.control import Ask, ControlError
 from cardan.gateway.daemon.daemon import (
-    CHARACTERS_KEPT,
     GOING_ON,
-    LINES_KEPT,
     LINES_WAITING,
+    MAX_CHARACTERS,
+    MAX_LINES,
     Daemon,
 )
 from cardan.gateway.daemon.services import LogLine
@@ -83,13 +83,13 @@ def test_a_connection_has_only_so_many_requests_that_go_on(tmp_path):
 
 def test_what_is_kept_of_lines_is_bounded(tmp_path):
     daemon = daemon_of(tmp_path, SESSION.format("one", "false"))
-    for number in range(LINES_KEPT + 10):
+    for number in range(MAX_LINES + 10):
         daemon._keep_line(LogLine(0.0, "one", str(number), "info"))
-    assert len(daemon._do_log(Ask(1, "log"), Asker())) == LINES_KEPT
-    for _ in range(CHARACTERS_KEPT // 4000 + 10):
+    assert len(daemon._do_log(Ask(1, "log"), Asker())) == MAX_LINES
+    for _ in range(MAX_CHARACTERS // 4000 + 10):
         daemon._keep_line(LogLine(0.0, "one", "x" * 4000, "info"))
     stored = daemon._do_log(Ask(1, "log"), Asker())
-    assert sum(len(text) for _, _, text, _ in stored) <= CHARACTERS_KEPT
+    assert sum(len(text) for _, _, text, _ in stored) <= MAX_CHARACTERS
     assert stored[-1][2] == "x" * 4000
 
 

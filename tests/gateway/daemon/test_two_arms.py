@@ -107,7 +107,7 @@ class TwoArms(Lab):
         self.until_snapshot(name, lambda s: s["device"]["link"] == "live", "its mouse at rest")
         self.until_snapshot(name, lambda s: s["robot"]["link"] == "live", "its robot")
         mouse.do("press", "left")
-        self.until_snapshot(name, lambda s: s["arm"]["authority"] == "hand", "re-arming")
+        self.until_snapshot(name, lambda s: s["arm"]["authority"] == "device", "re-arming")
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ SESSION = {
     "name": "gofa", "kind": "session", "state": "running", "reason": "", "since_s": 12.3,
     "restarts": 0, "pid": 4711, "cpu": 0.095, "device": "spacemouse", "robot": "abb_egm",
     "phase": "moving", "device_link": "live", "robot_link": "live", "device_held": True,
-    "authority": "hand", "authority_s": 3.0, "why": "", "trips": 0, "cycles": 3000,
+    "authority": "device", "authority_s": 3.0, "why": "", "trips": 0, "cycles": 3000,
     "tick_p99_s": 0.0001, "changes_wait": [],
 }  # fmt: skip
 SERVER = {
@@ -48,7 +48,7 @@ def test_what_moves_has_a_line_and_what_does_not_says_why_below_it():
         "12",
         "s",
         "moving",
-        "hand",
+        "device",
         "spacemouse",
         "abb_egm",
         "9.5%",

@@ -6,7 +6,7 @@ import pytest
 
 from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.servers import web
-from cardan.gateway.servers.web import ARRIVALS_KEPT, ARRIVALS_PERIOD_S, Arrivals
+from cardan.gateway.servers.web import ARRIVALS_PERIOD_S, MAX_ARRIVALS, Arrivals
 
 
 def test_a_frame_is_as_old_as_the_last_look_that_did_not_find_its_end():
@@ -63,9 +63,9 @@ def test_frames_get_older_while_there_is_no_room_or_more_comes_than_is_taken():
 
 def test_what_is_kept_in_mind_is_bounded_and_nothing_seems_younger_for_it():
     arrivals = Arrivals(0.0)
-    for look in range(10 * ARRIVALS_KEPT):
+    for look in range(10 * MAX_ARRIVALS):
         arrivals.record(1000 + look, 2 * ARRIVALS_PERIOD_S * (look + 1))
-    assert len(arrivals._seen) == ARRIVALS_KEPT
+    assert len(arrivals._seen) == MAX_ARRIVALS
     arrivals.read(10)
     arrivals.end_frame()
     assert arrivals.take_frame() == 0.0

@@ -1,6 +1,6 @@
 """A client that comes back from its address has its number again."""
 
-from cardan.gateway.servers.numbers import KEPT, KEPT_S, ClientNumbers
+from cardan.gateway.servers.numbers import CAPACITY, RETENTION_S, ClientNumbers
 
 
 def test_who_comes_back_has_its_number_and_who_is_here_keeps_it():
@@ -16,10 +16,10 @@ def test_numbers_are_forgotten_after_an_hour_and_before_they_fill_the_memory():
     numbers = ClientNumbers(lambda: now_s[0])
     with numbers.of("10.0.0.1"):
         pass
-    now_s[0] = KEPT_S + 1.0
+    now_s[0] = RETENTION_S + 1.0
     with numbers.of("10.0.0.1") as again:
         assert again == 2
-    for number in range(10 * KEPT):
+    for number in range(10 * CAPACITY):
         with numbers.of(f"10.1.0.{number}"):
             pass
-    assert len(numbers._left) == KEPT
+    assert len(numbers._left) == CAPACITY

@@ -179,6 +179,12 @@ def test_survives_the_way_to_the_session_process():
             "is now: device_to_tool_rpy_deg; rename it",
         ),
         ({"neighbours": []}, "neighbours", "is now: neighbors; rename it"),
+        ({"authority": {"policy": "hand"}}, "authority.policy", "is now: 'device'; rename it"),
+        (
+            {"authority": {"policy": "named", "named": "hand"}},
+            "authority.named",
+            "is now: 'device'; rename it",
+        ),
         ({"watchdogs": {"device_age_s": 10}}, "watchdogs.device_age_s", "0.5"),
         ({"speed": 1}, "speed", "allowed: device, robot"),
         ({"robot": {}}, "robot.driver", "missing"),

@@ -134,7 +134,7 @@ class ThreadProcess(SessionProcess):
 @pytest.fixture
 def in_thread(monkeypatch):
     monkeypatch.setattr(remote, "SessionProcess", ThreadProcess)
-    monkeypatch.setitem(registry.BUILT_IN, "hand", f"{__name__}:Hand")
+    monkeypatch.setitem(registry.BUILT_IN, "handheld", f"{__name__}:Hand")
     monkeypatch.setattr(ThreadProcess, "shown", Snapshot())
     monkeypatch.setattr(Hand, "axes", (0.0,) * 6)
     monkeypatch.setattr(Hand, "buttons", frozenset())
@@ -146,7 +146,7 @@ def in_thread(monkeypatch):
     return make
 
 
-WITH_HAND = {"device": {"driver": "hand"}, "mapping": {"deadman": "go"}}
+WITH_HAND = {"device": {"driver": "handheld"}, "mapping": {"deadman": "go"}}
 
 
 def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
@@ -160,10 +160,10 @@ def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
         until(lambda: line.over, "the end of the line")
         assert (line.outcome, line.reason) == (Outcome.ABORTED, "the operator device took over")
         assert arm.wait() is False
-        assert arm.status().authority.owner == "hand"
-        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
+        assert arm.status().authority.owner == "device"
+        with pytest.raises(MotionRefusedError, match="'device' has authority"):
             arm.movl(start)
-        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
+        with pytest.raises(MotionRefusedError, match="'device' has authority"):
             arm.set_parameter("cpsc", "twst")
         Hand.axes = (0.0, 0.5, 0.0, 0.0, 0.0, 0.0)
         until(lambda: arm.stat().pose[1] > start[1] + 0.01, "the hand's motion")
@@ -247,8 +247,8 @@ def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
             arm.act("acsg")
         arm.release()
         Hand.buttons = frozenset({"go"})
-        until(lambda: ThreadProcess.shown.arm.authority == "hand")
-        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
+        until(lambda: ThreadProcess.shown.arm.authority == "device")
+        with pytest.raises(MotionRefusedError, match="'device' has authority"):
             arm.act("acog")
     assert done == [{"digital": True}]
 
@@ -259,8 +259,8 @@ def test_a_session_that_verbs_cannot_move_is_refused_at_once():
     neck = {"robot": {"driver": "sim_arm", "robot": "ur5"}, "arm": {"model": "teo_soft_neck"}}
     with pytest.raises(ConfigurationError, match="rigid links"):
         session_arm(parse_config(neck))
-    with pytest.raises(ConfigurationError, match="'hand'"):
-        session_arm(parse_config(TABLE), source="hand")
+    with pytest.raises(ConfigurationError, match="'device'"):
+        session_arm(parse_config(TABLE), source="device")
 
 
 # -- in a process of its own ----------------------------------------------------------------------
@@ -434,7 +434,7 @@ def assert_it_rested(at_s, said, seconds):
         assert each.arm.phase == "disarmed", each
         assert each.arm.twist == (0.0,) * 6
         assert "was silent for" in each.arm.message
-        assert each.arm.authority != "hand"
+        assert each.arm.authority != "device"
     assert while_stopped[0].arm.phase == "moving"
 
 

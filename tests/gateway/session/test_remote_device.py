@@ -65,10 +65,10 @@ def joined(tmp_path):
         served.wait_for("READY")
         operators = tmp_path / "operator.toml"
         operators.write_text(toml({"device": tables["device"]}))
-        share = Program("devices", "share", operators, "--router", router, "--name", "hand")
-        stack.enter_context(share).wait_for("READY /shared/hand/state")
+        share = Program("devices", "share", operators, "--router", router, "--name", "mouse")
+        stack.enter_context(share).wait_for("READY /shared/mouse/state")
         session = tmp_path / "session.toml"
-        remote = {"driver": "remote", "router": router, "device": "hand"}
+        remote = {"driver": "remote", "router": router, "device": "mouse"}
         session.write_text(toml({**tables, "device": remote | {"max_age_s": MAX_AGE_S}}))
         run = stack.enter_context(Program("run", session))
         found = Joined(Watch(ROBOTS[ROBOT].arm, robot.joints), router, share)
@@ -81,8 +81,8 @@ def joined(tmp_path):
 
 @pytest.mark.real
 def test_a_killed_process_stops_the_arm_and_the_second_session_is_refused(joined):
-    with pytest.raises(DeviceAccessError, match=r"hand is used by cardan_device_driver at .*: end"):
-        Remote(router=joined.router, device="hand").open()
+    with pytest.raises(DeviceAccessError, match=r"mouse is used by cardan_device_\w+ at .*: end"):
+        Remote(router=joined.router, device="mouse").open()
     joined.share.wait_for("refused: claims while another session has it", "stderr")
     joined.wait_until_moving()
     joined.rests_in_time_after(joined.share.process.kill)

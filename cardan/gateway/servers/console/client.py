@@ -60,7 +60,7 @@ REQUEST_TOPIC: Final = "authority/request"
 REQUEST_TYPE: Final = "cardan_msgs/msg/AuthorityRequest"
 """Type of the requests, below an arm's node, to its owner for the authority over it."""
 
-KEPT: Final = "kept"
+REFUSED: Final = "refused"
 """Answer of an owner that keeps the authority; giving it up is visible to all."""
 
 PERIOD_S: Final = 0.5
@@ -474,7 +474,7 @@ class PageOperator:
 
     def _keep_authority(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
         """Refuse the authority to a source that requested it."""
-        self._tell_authority(table, _name(table, "source"), self.source, KEPT)
+        self._tell_authority(table, _name(table, "source"), self.source, REFUSED)
 
     def _tell_authority(
         self, table: Mapping[str, Any], source: str, owner: str, answer: str

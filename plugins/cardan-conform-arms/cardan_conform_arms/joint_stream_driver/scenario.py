@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from cardan.conform.controllers import COME, KEPT, CyclicController
+from cardan.conform.controllers import COME, MAX_SENT, CyclicController
 from cardan.conform.egm.scenario import JUNK
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Script, Step, ask, mark, open_, send
@@ -83,7 +83,7 @@ class ArmScenario(CyclicController):
         for data in JUNK * 3:
             yield send(data)
             yield from self._cycles(BETWEEN_S)
-        yield from self._old("old", self._sent[-KEPT])
+        yield from self._old("old", self._sent[-MAX_SENT])
         yield mark("silence")
         self._silent = True
         yield from self._cycles(SILENT_S)

@@ -196,8 +196,8 @@ class SpnavSimulation:
         elif code == Code.SET_SENS:
             self._sensitivity = request.data[0]
         reported = {
-            ("mask-kept", Code.SET_EVMASK): self._mask,
-            ("mask-kept", Code.GET_EVMASK): self._mask,
+            ("mask-ignored", Code.SET_EVMASK): self._mask,
+            ("mask-ignored", Code.GET_EVMASK): self._mask,
             ("deaf-v1", Code.SET_SENS): self._sensitivity,
             ("deaf-v1", Code.GET_SENS): self._sensitivity,
         }
@@ -258,16 +258,16 @@ class SpnavSimulation:
             found = self._button(channel, value)
         elif isinstance(value, ServerReply):
             found = iter((self._reply(value),))
-        elif isinstance(value, (ConfigChange, DeviceChange)) and self._untold(value):
+        elif isinstance(value, (ConfigChange, DeviceChange)) and self._unreported(value):
             return
         for each in found:
             self._counts["records"] += 1
             yield each[:-8] if self._every("short", "records") else each
 
-    def _untold(self, value: ConfigChange | DeviceChange) -> bool:
+    def _unreported(self, value: ConfigChange | DeviceChange) -> bool:
         if isinstance(value, ConfigChange):
-            return bool(self._faults.get("led-untold"))
-        return bool(self._faults.get("replug-untold" if value.added else "unplug-untold"))
+            return bool(self._faults.get("led-unreported"))
+        return bool(self._faults.get("replug-unreported" if value.added else "unplug-unreported"))
 
     def _motion(self, channel: str, value: MotionEvent) -> Iterator[bytes]:
         faults = self._faults

@@ -32,9 +32,9 @@ class SpnavDaemon(Suite[SpnavTraffic]):
     seconds = 1.2
     # Both need an unplugged device, which level 3 has.
     tried_on: ClassVar[Mapping[str, Level]] = {
-        "unplug-untold": Level.BY_HAND,
+        "unplug-unreported": Level.BY_HAND,
         "keeps-device": Level.BY_HAND,
-        "replug-untold": Level.BY_HAND,
+        "replug-unreported": Level.BY_HAND,
     }
 
     def decode(self, timeline: WireTimeline) -> SpnavTraffic:

@@ -278,7 +278,7 @@ def test_a_server_that_stood_still_acts_on_nothing_that_waited(arm, running, pag
 
 
 def test_what_the_arm_refuses_ends_the_hold_with_its_reason(arm, page):
-    arm.refuses = "'hand' has authority over the arm"
+    arm.refuses = "'device' has authority over the arm"
     held_refused(page, arm.refuses)
     asked = len(arm.requests)
     keep(page, 0.05)
@@ -535,7 +535,7 @@ def test_a_page_asks_another_for_the_authority_which_keeps_it(running, arm):
             asked_for(each, source=names[1], owner=names[0], answer="")
         owner.ask("cardan.keep", arm=ARM, source=names[1])
         for each in (owner, other):
-            asked_for(each, source=names[1], owner=names[0], answer="kept")
+            asked_for(each, source=names[1], owner=names[0], answer="refused")
     assert arm.requests == []  # Its owner hands it over; nobody else does anything.
 
 
