@@ -396,7 +396,7 @@ def test_both_have_their_files_and_the_keys_differ(state):
 def test_a_wrong_code_is_refused_three_times_and_then_there_is_another(state):
     with Waiting() as robot:
         for reported in (1, 2, 3):
-            with pytest.raises(ConfigurationError, match=r"--code: 127.0.0.1 has another one"):
+            with pytest.raises(ConfigurationError, match=r"--code: 127.0.0.1 shows another code"):
                 pair_with(HOST, robot.port, False, wrong(robot.codes[0]))
             until(lambda reported=reported: len(robot.reported) == reported)
         assert robot.reported == [f"{NOTHING}: the code was wrong"] * 3

@@ -73,7 +73,7 @@ def test_a_connection_has_only_so_many_requests_that_go_on(tmp_path):
             getattr(daemon, f"_do_{do}")(Ask(number, do, "", do != "watch" or None), asker)
     other = Asker()
     daemon._do_watch(Ask(0, "watch"), other)
-    with pytest.raises(ControlError, match="one of id 0 goes on"):
+    with pytest.raises(ControlError, match="has a request of id 0"):
         daemon._do_watch(Ask(0, "watch"), other)
     for call in asker.gone:
         call()
