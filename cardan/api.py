@@ -121,7 +121,7 @@ def open_device(driver: str, /, options: Any = None, **keywords: Any) -> Operato
     """
     kind = registry.load(driver)
     if not issubclass(kind, OperatorDevice):
-        raise ConfigurationError("driver", f"{driver!r} is no operator device: use open_robot()")
+        raise ConfigurationError("driver", f"{driver!r} drives a robot: use open_robot()")
     device = kind(kind.make_options(options, keywords))
     device.open()
     return device
@@ -147,7 +147,7 @@ def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDri
     """
     kind = registry.load(driver)
     if not issubclass(kind, RobotDriver):
-        raise ConfigurationError("driver", f"{driver!r} is no robot: use open_device()")
+        raise ConfigurationError("driver", f"{driver!r} reads a device: use open_device()")
     robot = kind(kind.make_options(options, keywords))
     robot.open()
     return robot

@@ -93,7 +93,7 @@ _STOPPED_BY_CLOCK = (EgmBench, EgmJointBench, UrBench, JointStreamBench, Ros2Ben
 FAULTS: dict[str, Fault] = {
     "device or sender silent": Fault(_silence, ("operator", "twist")),
     "port flooded": Fault(_flood, robots=_UDP, own=(Ros2Bench,)),
-    "states that are no numbers": Fault(_bad("nan"), own=BENCHES),
+    "states that are not numbers": Fault(_bad("nan"), own=BENCHES),
     "measured place jumps by 200 mm": Fault(_bad("jump"), own=(Ros2Bench,)),
     "second publisher of the joints": Fault(
         lambda bench, pilot: bench.peer.second(), robots=(Ros2Bench,), own=(Ros2Bench,)

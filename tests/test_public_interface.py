@@ -246,9 +246,9 @@ def test_an_options_object_opens_too():
 
 
 def test_a_robot_is_no_device_and_the_other_way_round():
-    with pytest.raises(ConfigurationError, match=r"'abb_egm' is no operator device: use open_rob"):
+    with pytest.raises(ConfigurationError, match=r"'abb_egm' drives a robot: use open_rob"):
         cardan.open_device("abb_egm")
-    with pytest.raises(ConfigurationError, match=r"'spnav' is no robot: use open_device\(\)"):
+    with pytest.raises(ConfigurationError, match=r"'spnav' reads a device: use open_device\(\)"):
         cardan.open_robot("spnav")
 
 

@@ -244,7 +244,7 @@ def test_where_nobody_is_met_the_remedies_are_said(monkeypatch):
     nobody = discovery.Discovery((), {}, {}, 1, 0)
     monkeypatch.setattr(discovery, "discover", lambda _options: nobody)
     reported = said("net", "list", program=app, code=4)
-    assert "A router answers, and no node was met." in reported
+    assert "A router answers, but no node was found." in reported
     assert 'mode = "client"' in reported
 
 

@@ -300,7 +300,7 @@ def test_a_command_that_it_cannot_take_is_refused(command, words):
         (encode_state(RailState(1, 1, 9, (0.0, 0.0, 0.0))), "there is no condition 9"),
         (
             encode_state(RailState(1, 1, Condition.FOLLOWING, (float("nan"), 0.0, 0.0))),
-            "positions that are no numbers",
+            "positions that are not numbers",
         ),
     ],
 )

@@ -77,9 +77,9 @@ def describe(topic: str, options: BusOptions) -> Description:
             raise ConfigurationError(
                 OPTION,
                 f"{_by(known.publishers)} published nothing as {topic} within "
-                f"{ARRIVES_WITHIN_S:g} s {met_by(options)}: what is sent once is kept for later "
-                "subscriptions where it is latched (transient local) alone; start the publisher "
-                "anew, or have it latched",
+                f"{ARRIVES_WITHIN_S:g} s {met_by(options)}: later subscribers receive "
+                "an earlier message only if it is transient local (latched); restart the "
+                "publisher, or make it transient local",
             ) from None
         end_s = time.monotonic() + OTHERS_WITHIN_S
         while (left_s := end_s - time.monotonic()) > 0.0:
@@ -99,8 +99,8 @@ def agreed(topic: str, publishers: Sequence[str], messages: Iterable[bytes]) -> 
     if len(texts) > 1:
         raise ConfigurationError(
             OPTION,
-            f"{len(texts)} texts that differ were published as {topic}, by {_by(publishers)}: end "
-            "all publishers but one, or give each a topic of its own",
+            f"{len(texts)} different texts were published as {topic}, by {_by(publishers)}: stop "
+            "all publishers but one, or give each its own topic",
         )
     (text,) = texts
     return text
@@ -109,11 +109,11 @@ def agreed(topic: str, publishers: Sequence[str], messages: Iterable[bytes]) -> 
 def _text(topic: str, publishers: Sequence[str], data: bytes) -> str:
     if len(data) > MODEL_BYTES:
         raise ConfigurationError(
-            OPTION, f"what is published as {topic} is longer than {MODEL_BYTES / 2**20:g} MiB"
+            OPTION, f"the text published as {topic} is longer than {MODEL_BYTES / 2**20:g} MiB"
         )
     message = codec_of(TYPE).decode(data)
     if isinstance(message, MalformedCdr):
-        raise ConfigurationError(OPTION, f"what is published as {topic} is wrong: {message.reason}")
+        raise ConfigurationError(OPTION, f"the text published as {topic} is bad: {message.reason}")
     text = _BEFORE_ROBOT.sub("", message["data"])
     if not text:
         raise ConfigurationError(

@@ -84,8 +84,8 @@ def published(network: BusNetwork, name: str, key: str, remedy: str = "") -> Top
         raise ConfigurationError(
             key,
             f"no node publishes {name}{suggestion(name, network.topics())}: waited for "
-            f"{APPEARS_WITHIN_S:g} s, {met_by(options)}; `cardan net list` lists what there is, "
-            "and says what to do where that is nothing"
+            f"{APPEARS_WITHIN_S:g} s, {met_by(options)}; `cardan net list` lists what "
+            "it finds, with advice if that is nothing"
             + (f"; {remedy}" if remedy else "")
             + (f"; other routers of this computer: {', '.join(others)}" if others else ""),
         )
@@ -105,7 +105,7 @@ def remedies(options: BusOptions, found: Discovery) -> list[str]:
         return []
     if found.routers and options.mode == "peer":
         return [
-            "A router answers, and no node was met. ROS 2's router introduces peers, and "
+            "A router answers, but no node was found. ROS 2's router introduces peers, and "
             "forwards nothing between them: each has to reach the others by itself.",
             'On this computer: let all be peers (mode = "peer") with gossip, which is Zenoh\'s '
             'default, and each listen at a loopback port of its own (listen = ["tcp/127.0.0.1:0"]'
@@ -114,7 +114,7 @@ def remedies(options: BusOptions, found: Discovery) -> list[str]:
             "goes through that router.",
         ]
     if found.routers:
-        return ["A router answers, and no node is connected to it, or to others that it knows."]
+        return ["A router answers, but no node is connected to it, or to others that it knows."]
     if found.peers:
         return [
             "Another session of Zenoh answers, and it has no node of ROS 2: no session or server."
@@ -123,7 +123,8 @@ def remedies(options: BusOptions, found: Discovery) -> list[str]:
         return [f"No router or session answers as {options.zenoh_config} has it."]
     if not options.router:
         return [
-            "No node can be met: there is no router, and no endpoint of a fixed port to connect to."
+            "No node can be found: there is no router, and no endpoint of a fixed port to connect "
+            "to."
         ]
     if router_address(options) is None:
         return [

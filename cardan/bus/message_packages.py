@@ -15,7 +15,7 @@ def write_packages(folder: Path) -> list[Path]:
     if there := [str(place) for place in places if place.exists()]:
         raise ConfigurationError(
             "FOLDER",
-            f"{', '.join(there)} is there already and is not written over: give another folder",
+            f"{', '.join(there)} exists already and is not overwritten: give another folder",
         )
     try:
         for place in places:

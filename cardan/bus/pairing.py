@@ -89,7 +89,7 @@ def wait_for_operator(
     try:
         listener = socket.create_server(place, family=family)
     except (OSError, UnicodeError) as error:
-        raise AddressError(f"cannot wait at {place[0]} port {place[1]}: {error}") from None
+        raise AddressError(f"cannot listen at {place[0]} port {place[1]}: {error}") from None
     end_s, code, wrong = time.monotonic() + wait_s, "", WRONG_CODES
     with listener:
         while (left_s := end_s - time.monotonic()) > 0.0:
@@ -105,8 +105,8 @@ def wait_for_operator(
                     return _serve(_Channel(client, until_s, listener), code, folder)
             except (_EndedError, OSError) as error:
                 wrong += isinstance(error, _WrongCodeError)
-                tell(f"pairing came to no end, nothing is stored, and it waits on: {error}")
-    raise AddressError(f"nobody has paired within {wait_s:g} s: begin again on both computers")
+                tell(f"pairing did not finish, nothing is stored, still waiting: {error}")
+    raise AddressError(f"no computer paired within {wait_s:g} s: pair again on both computers")
 
 
 def pair_with(
@@ -132,17 +132,17 @@ def pair_with(
     try:
         robot = socket.create_connection((host, port), CLIENT_S)
     except (OSError, UnicodeError) as error:
-        raise AddressError(f"nobody waits at {host} port {port} ({error}): {again}") from None
+        raise AddressError(f"no computer pairs at {host} port {port} ({error}): {again}") from None
     try:
         with robot:
             channel = _Channel(robot, time.monotonic() + CLIENT_S)
             return _join(channel, host, code, folder, quic=quic)
     except _WrongCodeError:
         raise ConfigurationError(
-            "--code", f"{host} has another one: read there which it shows now, and try again"
+            "--code", f"{host} shows another code: read it there and try again"
         ) from None
     except (_EndedError, OSError) as error:
-        raise AddressError(f"pairing with {host} came to no end ({error}): {again}") from None
+        raise AddressError(f"pairing with {host} did not finish ({error}): {again}") from None
 
 
 class _Channel:
@@ -272,7 +272,8 @@ def _folder(name: str, replace: bool) -> Path:
     folder = state_folder() / "pair" / name
     if folder.exists() and not replace:
         raise ConfigurationError(
-            "--replace", f"this computer is paired already, in {folder}: give it to pair anew"
+            "--replace",
+            f"paired already, in {folder}: give this option to pair again",
         )
     there = next(each for each in folder.parents if each.exists())
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):

@@ -32,7 +32,7 @@ PROTOCOLS: Final = ("tls", "quic")
 # RFC 8446, 6.2. The alert for a certificate of another authority depends on its issuer's name.
 _ALERTS: Final = {
     "CERTIFICATE_REQUIRED": "the router at {place} asks for a certificate, and {own} is given",
-    "CERTIFICATE_EXPIRED": "the router at {place} takes {own} for expired, so the clocks differ",
+    "CERTIFICATE_EXPIRED": "the router at {place} takes {own} as expired: check both clocks",
     "UNKNOWN_CA": "the router at {place} refuses {own}, which is of another pair",
     "DECRYPT_ERROR": "the router at {place} refuses {own}, which is of another pair",
     "BAD_CERTIFICATE": "the router at {place} refuses {own}, which is of another pair",
@@ -63,7 +63,7 @@ def tls_obstacle(config: Any) -> str:
         return ""
     return (
         f"{cause}: no message passes; give the file of the present pair (zenoh_config), or pair "
-        "both computers anew (`cardan net pair --replace` on each) and start the router again"
+        "both computers again (`cardan net pair --replace` on each) and start the router again"
     )
 
 

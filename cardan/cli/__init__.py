@@ -129,9 +129,9 @@ def _run() -> int:
             words += f". Did you mean {near}?"
         command = context.command_path if context is not None else "cardan"
         if words.endswith("?"):
-            print_problem(f"{words[:-1]}? `{command} --help` says what there is")
+            print_problem(f"{words[:-1]}? `{command} --help` lists what is available")
         else:
-            print_problem(f"{words}; `{command} --help` says what there is")
+            print_problem(f"{words}; `{command} --help` lists what is available")
         return EXIT_USAGE
 
 
@@ -184,7 +184,7 @@ def demo(
         float | None,
         typer.Option(
             metavar="MS",
-            help="Delay of the demo's simulated network, one way; default: as the demo says.",
+            help="Delay of the demo's simulated network, one way; default: the demo's own.",
         ),
     ] = None,
     extras: Annotated[
@@ -260,7 +260,7 @@ def run(
         str,
         typer.Option(
             metavar="HOST",
-            help="Where the page of --console is served: 0.0.0.0 for phones and other computers, "
+            help="Address of the page of --console: 0.0.0.0 for phones and other computers, "
             "too; by default 127.0.0.1.",
         ),
     ] = "",
@@ -285,7 +285,7 @@ def run(
             if wanted and config.network is None:
                 raise ConfigurationError(option, f"{file} has no table [network]: add one")
         if console_host and not console:
-            raise ConfigurationError("--console-host", "is where --console serves: give both")
+            raise ConfigurationError("--console-host", "is the address of --console: give both")
         if console and config.network is not None:
             from cardan.gateway.servers.console.address import picture
             from cardan.gateway.session.with_server import with_server

@@ -32,15 +32,15 @@ Session = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Configuration file whose [network] says how to join; default: its defaults.",
+        help="Configuration file with the [network] to join; default: the defaults.",
     ),
 ]
 Router = Annotated[
     str,
     typer.Option(
         metavar="ENDPOINT",
-        help="Join by this router of Zenoh's, such as tcp/127.0.0.1:7447, instead; default: that "
-        "one, or else the only one of yours on this computer.",
+        help="Zenoh router to join by, such as tcp/127.0.0.1:7447; default: "
+        "the file's, else your only one on this computer.",
     ),
 ]
 TopicName = Annotated[
@@ -98,7 +98,7 @@ def network(
         Path | None,
         typer.Argument(
             metavar="[FILE]",
-            help="Configuration file whose [network] says how to join; default: its defaults.",
+            help="Configuration file with the [network] to join; default: the defaults.",
         ),
     ] = None,
     router: Router = "",
@@ -148,7 +148,7 @@ def _by(nodes: Sequence[str]) -> str:
 def echo(
     topic: TopicName,
     count: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="End after so many messages.")
+        int | None, typer.Option(metavar="N", min=1, help="End after this number of messages.")
     ] = None,
     seconds: Seconds = None,
     session: Session = None,

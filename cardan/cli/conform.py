@@ -45,7 +45,7 @@ def conform(
     ] = None,
     target: Annotated[
         str,
-        typer.Option(metavar="TARGET", help="The real one; default: its simulated peer."),
+        typer.Option(metavar="TARGET", help="The real one's address; default: its simulated peer."),
     ] = "",
     capture: Annotated[
         Path | None,
@@ -60,7 +60,7 @@ def conform(
         typer.Option(
             min=0,
             max=3,
-            help="0 listens, 1 holds, 2 moves by a millimeter, 3 has faults made by hand; "
+            help="0 listens, 1 holds, 2 moves by a millimeter, 3 asks for faults by hand; "
             "default: at a target the highest that can do no harm, else 3.",
         ),
     ] = None,

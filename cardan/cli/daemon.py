@@ -47,7 +47,7 @@ Name = Annotated[
 OfName = Annotated[
     str,
     typer.Argument(
-        metavar="[NAME]", help="Of one session or server.", autocompletion=completion.units
+        metavar="[NAME]", help="Only this session or server.", autocompletion=completion.units
     ),
 ]
 
@@ -231,7 +231,7 @@ def switch(
 
 def reload(
     check: Annotated[
-        bool, typer.Option("--check", help="Print the changes, and make none.")
+        bool, typer.Option("--check", help="Print the changes without making them.")
     ] = False,
     socket: Socket = "",
     as_json: AsJson = False,
@@ -254,7 +254,7 @@ def reload(
 
 def log(
     name: OfName = "",
-    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on until Ctrl-C.")] = False,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Follow until Ctrl-C.")] = False,
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
@@ -274,7 +274,7 @@ def log(
 
 def events(
     name: OfName = "",
-    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on until Ctrl-C.")] = False,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Follow until Ctrl-C.")] = False,
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
@@ -314,7 +314,7 @@ def arm(
         bool, typer.Option("--wait", help="Wait until a motion has ended; Ctrl-C stops it.")
     ] = False,
     source: Annotated[
-        str, typer.Option(metavar="NAME", help="Source under which it asks for the authority.")
+        str, typer.Option(metavar="NAME", help="Source name for the arm's authority.")
     ] = "verbs",
     socket: Socket = "",
     as_json: AsJson = False,
@@ -347,7 +347,7 @@ service = typer.Typer(
 )
 System = Annotated[
     bool,
-    typer.Option("--system", help="Of the computer, started at boot; default: of this user."),
+    typer.Option("--system", help="For the computer, started at boot; default: for this user."),
 ]
 Account = Annotated[
     str, typer.Option("--user", metavar="NAME", help="Account for --system; default: yours.")
@@ -401,7 +401,7 @@ def remove_service(system: System = False) -> None:
 daemon = typer.Typer(
     name="daemon",
     cls=OpenGroup,
-    help="Run many sessions and servers, and see and command what runs.",
+    help="Run many sessions and servers; monitor and command them.",
     no_args_is_help=True,
 )
 daemon.add_typer(service)

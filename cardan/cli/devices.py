@@ -140,7 +140,7 @@ def force(
     file: ConfigFile,
     connect: Annotated[
         str,
-        typer.Option(metavar="PATH", help="The socket that the session offers: its force.socket."),
+        typer.Option(metavar="PATH", help="Socket of the session: its force.socket."),
     ],
     seconds: Seconds = None,
     verbose: Verbose = False,

@@ -31,7 +31,7 @@ def doctor(
         list[Path] | None,
         typer.Argument(
             metavar="[FILE|FOLDER]...",
-            help="Files that are to run here, as for `cardan run` and `cardan daemon run`.",
+            help="Files to run here, as for `cardan run` and `cardan daemon run`.",
         ),
     ] = None,
     as_json: AsJson = False,

@@ -15,7 +15,7 @@ def explain(
         str,
         typer.Argument(
             metavar="CODE|MESSAGE",
-            help="A code, such as S004, or the words of a message.",
+            help="A code, such as S004, or the text of a message.",
             autocompletion=completion.codes,
         ),
     ],

@@ -29,8 +29,8 @@ MOVED: Final = {
 """New command by the old one, both without `cardan`."""
 
 _UNIT: Final = (
-    "; a service of systemd that still says `serve` does not start: "
-    "`cardan daemon service install FILE...` writes its unit anew"
+    "; a systemd unit with the old `serve` does not start: "
+    "rewrite it by `cardan daemon service install FILE...`"
 )
 
 

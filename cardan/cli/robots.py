@@ -46,22 +46,21 @@ def add(
         str,
         typer.Option(
             metavar="LINK",
-            help="The link that the arm ends at; default: the last one, where there is one.",
+            help="Last link of the arm; default: the tree's end, if it has only one.",
         ),
     ] = "",
     base: Annotated[
         str,
         typer.Option(
             metavar="LINK",
-            help="The link whose frame is the arm's; default: the root, or what carries its first "
-            "joint.",
+            help="Link with the arm's base frame; default: the root, or the first joint's parent.",
         ),
     ] = "",
     limit: Annotated[
         list[str] | None,
         typer.Option(
             metavar="KEY.JOINT=NUMBER",
-            help="A limit that the URDF lacks, as the TOML has it, say velocity_deg_s.elbow=90; "
+            help="Limit missing in the URDF, in the TOML's form: velocity_deg_s.elbow=90; "
             "repeatable.",
         ),
     ] = None,
@@ -80,7 +79,7 @@ def add(
         ),
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Write over files that are there.")
+        bool, typer.Option("--overwrite", help="Overwrite existing files.")
     ] = False,
     from_topic: Annotated[
         bool,
@@ -128,7 +127,7 @@ def add(
         for each in (path, picture, *([Path(file)] if from_topic else ())):
             if each.exists():
                 raise ConfigurationError(
-                    "--overwrite", f"{each} is there: give this, or another --output"
+                    "--overwrite", f"{each} exists: give this, or another --output"
                 )
     published = None
     if from_topic:

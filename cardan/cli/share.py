@@ -32,7 +32,7 @@ def share(
         str,
         typer.Option(
             metavar="ENDPOINT",
-            help="Router of Zenoh's, such as tcp/192.168.1.2:7447; default: this computer's.",
+            help="Zenoh router, such as tcp/192.168.1.2:7447; default: this computer's.",
         ),
     ] = "",
     listen: Annotated[

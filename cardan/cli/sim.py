@@ -27,7 +27,7 @@ from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.command import PeerCommand
 
-Script = Annotated[str, typer.Option(metavar="NAME|FILE", help="Its script; see --list-scripts.")]
+Script = Annotated[str, typer.Option(metavar="NAME|FILE", help="Script; see --list-scripts.")]
 Fault = Annotated[
     list[str] | None,
     typer.Option(
@@ -36,7 +36,7 @@ Fault = Annotated[
         help="A fault to simulate (repeatable); see --list-faults.",
     ),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 
 
 class _Peers(CommandGroup):

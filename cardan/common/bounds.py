@@ -157,7 +157,7 @@ _MAX_ANGULAR_SPEED_RAD_S = 4.0 * math.pi
 _MAX_ANGULAR_ACCELERATION_RAD_S2 = 100.0 * math.pi
 _MAX_JOINT_SPEED_RAD_S = 8.0 * math.pi
 
-_TCP_FAST = "no serial arm's TCP is faster, and what is slower stands still"
+_TCP_FAST = "no serial arm's TCP is faster, and slower is standstill"
 _TCP_QUICK = "five times gravity: no serial arm's TCP speeds up or brakes faster"
 _TURNS_FAST = "two turns in a second: no hand turns a tool faster"
 _TURNS_QUICK = "to two turns in a second within 40 ms; no serial arm's wrist is quicker"
@@ -185,7 +185,7 @@ JOINT_ACCELERATION_RAD_S2 = Range(
 HAND_SPEED_M_S = Range(
     0.0, 10.0, "m/s", "the speed of a thrown ball, not of a hand that guides", above=True
 )
-HAND_TURN_RAD_S = Range(0.1, 30.0, "rad/s", "a wrist is not flicked faster")
+HAND_TURN_RAD_S = Range(0.1, 30.0, "rad/s", "no human wrist turns faster")
 
 # -- lengths, angles, directions -------------------------------------------------------------------
 
@@ -194,7 +194,7 @@ COORDINATE_M = Range(-100.0, 100.0, "m", "no robot's cell is larger, its tracks 
 NEAR_M = Range(-10.0, 10.0, "m", "no arm on a table reaches farther, and no tool is longer")
 DESK_M = Range(-1.0, 1.0, "m", "a hand on a desk reaches no farther")
 SAFETY_DISTANCE_M = Range(
-    0.0, 1.0, "m", "an arm that keeps farther away from all things has no room to work", above=True
+    0.0, 1.0, "m", "an arm with a larger clearance has no room to work", above=True
 )
 TCP_TOLERANCE_M = Range(
     0.0,
@@ -204,7 +204,7 @@ TCP_TOLERANCE_M = Range(
     above=True,
 )
 ARRIVAL_M = Range(
-    0.0, 0.1, "m", "a hand's breadth from its goal an arm has not arrived", above=True
+    0.0, 0.1, "m", "an arm a hand's breadth from its goal has not arrived", above=True
 )
 ARRIVAL_RAD = Range(0.0, 0.5, "rad", "a tool turned by half a radian has not arrived", above=True)
 ARRIVAL_JOINT = Range(
@@ -217,7 +217,7 @@ MAX_LEAD_M = Range(
 MAX_LEAD_RAD = Range(
     0.0, 1.5, "rad", "a tool a quarter turn off its commanded orientation is stuck", above=True
 )
-ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")
+ANGLE_DEG = Range(-360.0, 360.0, "deg", "a whole turn changes nothing")
 JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten times")
 DIRECTION = Range(-1e6, 1e6, "", "only its direction counts")
 
@@ -233,9 +233,7 @@ Direction = Annotated[tuple[Component, Component, Component], Directed()]
 
 # -- measured and commanded values of a robot: one range for both ----------------------------------
 
-JOINT_POSITION = Range(
-    -2000.0, 2000.0, "rad or m", "a wrist that turns on and on does so 250 times, no oftener"
-)
+JOINT_POSITION = Range(-2000.0, 2000.0, "rad or m", "250 turns are enough for an endless wrist")
 JOINT_VELOCITY = Range(-1000.0, 1000.0, "rad/s or m/s", "no motor turns a joint so fast")
 JOINT_TORQUE = Range(-1e5, 1e5, "N·m or N", "the largest joints hold a tonne at four meters")
 LINEAR_VELOCITY_M_S = Range(-100.0, 100.0, "m/s", "no arm's TCP is nearly so fast")
@@ -252,29 +250,27 @@ AUTHORITY_LEASE_S = Range(
     0.1,
     10.0,
     "s",
-    "longer, a source that was abandoned blocks the others; shorter, a network pause loses it",
+    "longer, an abandoned source blocks the others; shorter, a network pause loses it",
 )
-BLIND_S = Range(
-    0.0, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen", above=True
-)
+BLIND_S = Range(0.0, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s moves 12 cm unobserved", above=True)
 NEIGHBOR_AGE_S = Range(
-    0.02, LONGEST_BLIND_S, "s", "10 ms for the clocks, and a state's way to here, are its least age"
+    0.02, LONGEST_BLIND_S, "s", "clock errors of 10 ms and the network's delay are the least age"
 )
 LOOP_DELAY_S = Range(0.0, 1.0, "s", "a contact that is rendered a second late cannot be held")
-ARRIVAL_S = Range(0.1, 60.0, "s", "an arm that is not there by then does not come")
+ARRIVAL_S = Range(0.1, 60.0, "s", "an arm that has not arrived by then will not arrive")
 LAG_S = Range(0.0, 2.0, "s", "an arm with a longer delay cannot be teleoperated")
 
 # -- forces and what goes with them ----------------------------------------------------------------
 
 ROBOT_FORCE_N = Range(0.0, 10_000.0, "N", "the largest arms lift a tonne, no more", above=True)
 ROBOT_TORQUE_NM = Range(0.0, 10_000.0, "N·m", "ten kilonewtons on a meter", above=True)
-DEADBAND_N = Range(0.0, 10_000.0, "N", "a force that the largest arms do not exert")
+DEADBAND_N = Range(0.0, 10_000.0, "N", "more than the largest arms exert")
 FORCE_RATE_S = Range(
-    0.0, 1e6, "per s", "the largest force within 10 ms; beyond, all is steady", above=True
+    0.0, 1e6, "per s", "the largest force within 10 ms; a faster rise is a step", above=True
 )
 HAND_FORCE_N = Range(0.0, 100.0, "N", "no hand holds against more for long", above=True)
 HAND_STIFFNESS_N_M = Range(
-    0.0, 500.0, "N/m", "what the device extrapolates with: a stiffer contact oscillates"
+    0.0, 500.0, "N/m", "a stiffer contact oscillates when the device extrapolates it"
 )
 FIXTURE_STIFFNESS_N_M = Range(
     0.0, 100_000.0, "N/m", "a hand feels no difference to a rigid wall", above=True
@@ -293,7 +289,7 @@ PAYLOAD_KG = Range(0.0, 1000.0, "kg", "the largest arms lift a tonne, no more")
 
 SHARE = Range(0.001, 1.0, "", "of the whole; at less than a thousandth nothing moves")
 SHARE_OR_NONE = Range(0.0, 1.0, "", "a share of the whole")
-DEAD_ZONE = Range(0.0, 1.0, "", "with all of the deflection at rest nothing would move", below=True)
+DEAD_ZONE = Range(0.0, 1.0, "", "a dead band of the whole deflection moves nothing", below=True)
 MOTION_SCALE = Range(-100.0, 100.0, "", "a millimeter of the device is ten centimeters of the TCP")
 OUTPUT_VALUE = Range(-1e9, 1e9, "", "larger whole numbers are not exact in the robot's program")
 ANALOG_OUTPUT = Range(0, 39, "", "EGM carries 40 values")
@@ -301,7 +297,7 @@ COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")
 SEED = Range(0, 2**32 - 1, "", "32 bits")
 NOT_NEGATIVE = Range(0.0, math.inf, "", "", below=True)
 POSITIVE = Range(0.0, math.inf, "", "", above=True, below=True)
-STARTS = Range(1, 1000, "starts", "a process that failed so often fails for ever")
+STARTS = Range(1, 1000, "starts", "a process that failed that often will not recover")
 NOISE_COUNTS = Range(0, 1_000_000, "counts", "no device's raw numbers are larger")
 
 # -- addresses and names ---------------------------------------------------------------------------

@@ -44,13 +44,13 @@ def decode_certificate(der: bytes) -> Certificate:
     try:
         return _certificate(der)
     except (IndexError, StopIteration, UnicodeDecodeError, OverflowError) as error:
-        raise ValueError(f"it is no certificate: {error}") from None
+        raise ValueError(f"it is not a certificate: {error}") from None
 
 
 def _certificate(der: bytes) -> Certificate:
     whole = next(_items(_inside(der, _SEQUENCE)))
     if whole[0] != _SEQUENCE:
-        raise ValueError("it is no certificate")
+        raise ValueError("it is not a certificate")
     parts = list(_items(whole[1]))
     if parts and parts[0][0] == _VERSION:
         del parts[0]
@@ -81,7 +81,7 @@ def _items(data: bytes) -> Iterator[tuple[int, bytes]]:
 def _inside(data: bytes, tag: int) -> bytes:
     found, value = next(_items(data))
     if found != tag:
-        raise ValueError("it is no certificate")
+        raise ValueError("it is not a certificate")
     return value
 
 

@@ -15,8 +15,8 @@ from cardan.errors import CardanError
 def advice(distribution: str) -> str:
     """Return instructions for a distribution with a missing compiled part."""
     return (
-        "install a C compiler (Debian: apt-get install gcc libc6-dev) and install "
-        f"{distribution} anew, or run tools/native in its sources"
+        "install a C compiler (Debian: apt-get install gcc libc6-dev) and reinstall "
+        f"{distribution}, or run tools/native in its sources"
     )
 
 

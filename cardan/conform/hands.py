@@ -22,7 +22,7 @@ PUSHES: Steps = (
     ("push", "Push the cap to the right, half way, and hold it."),
     ("twist", "Twist the cap clockwise to its stop, and hold it."),
 )
-KEYS: Steps = (("press", "Press a button."), ("release", "Let the button go."))
+KEYS: Steps = (("press", "Press a button."), ("release", "Release the button."))
 
 
 class HandScenario(Scenario):

@@ -257,7 +257,7 @@ def read(text: str, name: str) -> SuiteReport:
     except KeyError as error:
         why = f"it has no {error}"
     except json.JSONDecodeError as error:
-        why = f"it is no JSON: {error}"
+        why = f"it is not JSON: {error}"
     except (ValueError, TypeError, AttributeError, RecursionError):
         why = "a value of it is of another kind"
     raise ConfigurationError(name, f"no report of `cardan conform --format json`: {why}")

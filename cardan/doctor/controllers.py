@@ -130,7 +130,7 @@ def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     if heard.error == errno.EADDRNOTAVAIL:
         return failure(
             "listen-address",
-            f"{endpoint.host} is no address of this computer",
+            f"{endpoint.host} is not an address of this computer",
             f"{who} is to listen there",
             "ip -brief address shows which there are: set listen_host to that of the robot's "
             "network",
@@ -147,8 +147,8 @@ def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
         return failure(
             "other-server",
             f"what comes to {where} of {who} is of another protocol: {shown(heard.said[:40])}",
-            "the session cannot begin",
-            f"find out who sends it: sudo tcpdump -ni any udp port {endpoint.port}",
+            "the session cannot start",
+            f"find the sender: sudo tcpdump -ni any udp port {endpoint.port}",
         )
     if not heard.sources:
         return caution(
@@ -164,7 +164,7 @@ def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
             "other-controller",
             f"{where} of {who} hears {', '.join(heard.sources)}, and not {peer}",
             "only the controller that the file names is heard",
-            f"set the controller's address: {heard.sources[0]}, or find out who that is",
+            f"set the controller's address: {heard.sources[0]}, or find out which device that is",
         )
     return good("heard", f"{where} of {who} hears {', '.join(heard.sources)}")
 
@@ -178,7 +178,7 @@ def _check_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
         return failure(
             "other-server",
             f"{where} of {who} is connected to and {words}: it is another program's",
-            "the session cannot begin",
+            "the session cannot start",
             "set the port that the controller serves this protocol at",
         )
     if heard.error == errno.ECONNREFUSED:
@@ -188,7 +188,7 @@ def _check_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     return failure(
         "not-reached",
         f"{where} of {who} does not answer: {_words(heard.error)}",
-        "the session cannot begin",
+        "the session cannot start",
         mend,
     )
 

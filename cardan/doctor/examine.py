@@ -62,7 +62,7 @@ def _looked(name: str, check: type[Check], subject: Subject) -> list[Finding]:
             failure(
                 "check",
                 f"the check {name!r} itself failed: {reason(error)}",
-                "what it looks at is not known",
+                "what it checks is not known",
                 "cardan doctor --report, in an issue of its package",
             )
         ]

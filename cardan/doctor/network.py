@@ -39,8 +39,8 @@ def check_bus(
         return caution(
             "bus",
             f"{who}: {advice[0]}",
-            "nobody is met there",
-            " ".join(advice[1:]) or ("start what is to be met, then: cardan net list"),
+            "no node is found there",
+            " ".join(advice[1:]) or ("start the nodes, then: cardan net list"),
         )
     return good("bus", f"{who}: {len(found.nodes)} nodes are met at {where}")
 

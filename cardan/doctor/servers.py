@@ -66,7 +66,7 @@ def check_certificate(
             "certificate-name",
             f"{subject_words} is for {', '.join(found.names) or 'no name'}; this computer is "
             f"{', '.join(names)}",
-            f"{why}, unless the name that a person types is in it",
+            f"{why}, unless users open it by one of its names",
             make,
         )
 
@@ -105,7 +105,7 @@ def check_access(
     except ConfigurationError as error:
         mend = f"edit [servers.{name}] of {entry.file}"
         if error.key == FORMER_TOKEN_VARIABLE:
-            mend = "rename it where it is set (shell or unit), then start the daemon anew"
+            mend = "rename it where it is set (shell or unit), then restart the daemon"
         yield failure("server", f"{who}: {error}", "it cannot start", mend)
         return
     if not options.encrypted and not is_loopback(options.host):

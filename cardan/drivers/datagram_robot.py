@@ -293,10 +293,10 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
             return ""
         worst, away = found
         return (
-            f"{self._joint_name(worst)} is measured at {state.joints[worst]:.4g}, {away:.4g} from "
-            f"{before.joints[worst]:.4g} where it was before, and goes {self._fastest[worst]:.4g} "
-            f"per s at most: see that {self.controller} measures this arm, and that nothing else "
-            "sends its states; if it is there indeed, start the session anew"
+            f"{self._joint_name(worst)} jumped from {before.joints[worst]:.4g} to "
+            f"{state.joints[worst]:.4g}, by {away:.4g}, and its limit is "
+            f"{self._fastest[worst]:.4g} per s: check that {self.controller} measures this arm and "
+            "that nothing else sends its states; if the position is right, restart the session"
         )
 
     def _held(self, why: str, now_s: float) -> RobotState | None:
@@ -377,7 +377,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         found = []
         if self.state is None:
             advice = f"; {self.advice}" if self.advice else ""
-            found.append(f"nothing was heard of {self.controller}{advice}")
+            found.append(f"nothing was received from {self.controller}{advice}")
         elif self.lost(now_s):
             found.append(f"{self.controller} is silent for {self.silence_s(now_s):.1f} s")
         elif self.state.hold_reason:

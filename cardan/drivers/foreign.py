@@ -102,7 +102,7 @@ def robot_problem(state: Any) -> str:
     for name in ("stamp_s", "period_s"):
         value = getattr(state, name)
         if not _numbers((value,)) or not math.isfinite(value):
-            return f"cycles() gave the {name} {value!r:.60}, which is no finite number"
+            return f"cycles() gave the {name} {value!r:.60}, which is not a finite number"
     for name in ("joints", "velocities", "torques"):
         values = getattr(state, name)
         if not _numbers(values):

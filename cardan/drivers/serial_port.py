@@ -100,7 +100,7 @@ def _words(error: Exception, number: int | None) -> str:
     if number in (errno.EAGAIN, errno.EBUSY):
         return "another program has it open: spacenavd, a modem manager or another session"
     if number in (errno.ENOTTY, errno.EINVAL):
-        return "it is no serial port"
+        return "it is not a serial port"
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO):
-        return "there is nothing at that port"
+        return "no device is at that port"
     return str(getattr(error, "strerror", None) or error)

@@ -250,8 +250,8 @@ class RecordReader:
         """Encodings of the channels that are not ROS 2 topics."""
 
     def __iter__(self) -> Iterator[RecordedMessage]:
-        """Yield all messages in the order of the file. Raises CaptureError if it is no MCAP
-        file."""
+        """Yield all messages in the order of the file. Raises CaptureError if it is not an
+        MCAP file."""
         return self.messages()
 
     @property
@@ -270,7 +270,7 @@ class RecordReader:
 
     def messages(self, place: RecordPosition | None = None) -> Iterator[RecordedMessage]:
         """Yield messages in the order of the file from a remembered place on; None: all. Raises
-        CaptureError if the file is no MCAP file."""
+        CaptureError if the file is not an MCAP file."""
         from mcap.records import Channel, Message, Schema
 
         schemas, topics, others, places = self._schemas, self._topics, self._others, self.places
@@ -302,7 +302,7 @@ class RecordReader:
 
     def records(self) -> Iterator[Record]:
         """Yield all records before the summary, in the order of the file, without indexes and
-        private records. Raises CaptureError if the file is no MCAP file."""
+        private records. Raises CaptureError if the file is not an MCAP file."""
         for _, record in self._read(None):
             yield record
 
@@ -315,7 +315,7 @@ class RecordReader:
             raise CaptureError(f"{self.path} cannot be read: {why}") from None
         with stream:
             if read_up_to(stream, len(_MAGIC)) != _MAGIC:
-                raise CaptureError(f"{self.path} is no MCAP file")
+                raise CaptureError(f"{self.path} is not an MCAP file")
             yield from self._records(stream, place)
 
     def _damaged(self, offset: int, why: str) -> None:

@@ -45,7 +45,7 @@ def repair(path: Path, output: Path) -> RepairReport:
     """Copy the readable messages (of any encoding), topics, attachments and metadata of `path` to a
     new file with new indexes, one record at a time.
 
-    Raises CaptureError if `path` is no MCAP file, or if `output` exists or cannot be written.
+    Raises CaptureError if `path` is not an MCAP file, or if `output` exists or cannot be written.
     """
     reader = RecordReader(path)
     records = reader.records()

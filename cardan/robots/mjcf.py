@@ -225,8 +225,8 @@ class _Translation:
             raise _wrong(f"eulerseq of compiler: {self._sequence!r} is no three of x, y, z")
         if compiler.get("coordinate", "local") != "local":
             raise _wrong(
-                'compiler has coordinate="global", which MuJoCo has given up: save it '
-                "anew by mj_saveLastXML of MuJoCo 2.3.3 or before"
+                'compiler has coordinate="global", which MuJoCo no longer reads: save it '
+                "again by mj_saveLastXML of MuJoCo 2.3.3 or before"
             )
         if _numbers("compiler", compiler, "settotalmass", "-1")[0] > 0.0:
             raise _wrong(

@@ -51,7 +51,7 @@ log = logging.getLogger(__name__)
 class SimulatedNetworkOptions(Options):
     """Both ends of the network, and its delay."""
 
-    host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where one side connects to")
+    host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Address for one side's connections")
     port: Annotated[int, bounds.ANY_PORT] = 7450
     """TCP."""
     to_host: Annotated[str, bounds.HOST] = option(
@@ -64,7 +64,7 @@ class SimulatedNetworkOptions(Options):
     to_port: Annotated[int, bounds.PORT] = 7448
     delay_ms: Annotated[float, DELAY_MS] = option(50.0, "Delay of each direction.")
     jitter_ms: Annotated[float, DELAY_MS] = option(
-        0.0, "Up to so much more, evenly distributed; the order is kept."
+        0.0, "Additional delay up to this, uniformly distributed; the order is kept."
     )
     faults: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0

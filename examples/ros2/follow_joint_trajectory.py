@@ -76,7 +76,7 @@ def follow(
     client = roslibpy.ActionClient(ros, action, "control_msgs/FollowJointTrajectory")
     client.send_goal(goal, end, feel, fail)
     if not ended.wait(way[-1][0] + 10.0):
-        raise SystemExit("it did not come to an end")
+        raise SystemExit("it did not finish")
     print(f"at most {farthest[0]:.4f} rad from the plan")
 
 

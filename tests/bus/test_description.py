@@ -46,7 +46,7 @@ def test_the_text_comes_without_a_declaration_of_what_file_it_was(text):
 def test_two_publishers_of_one_text_are_fine_and_of_two_they_are_named():
     assert agreed(TOPIC, NODES, [message(ROBOT)] * 2) == ROBOT
     said = refused(message(ROBOT), message('<robot name="other"/>'))
-    assert "2 texts that differ were published as /robot_description" in said
+    assert "2 different texts were published as /robot_description" in said
     assert "by /left and /right: end all publishers but one" in said
 
 
@@ -60,7 +60,7 @@ def test_empty_wrong_and_endless_texts_are_refused():
 def test_topics_have_one_by_default_and_are_checked():
     assert topic_of("") == "/robot_description"
     assert topic_of("left/robot_description") == "/left/robot_description"
-    with pytest.raises(ConfigurationError, match=r"--from-topic: .*'arm.urdf' is no ROS name"):
+    with pytest.raises(ConfigurationError, match=r"--from-topic: .*'arm.urdf' is not a ROS name"):
         topic_of("arm.urdf")
 
 

@@ -33,7 +33,7 @@ from tests.waiting import until
 
 HOST = "127.0.0.1"
 END_S = 1e9
-NOTHING = "pairing came to no end, nothing is stored, and it waits on"
+NOTHING = "pairing did not finish, nothing is stored, still waiting"
 CODE = re.compile(r"[2-9A-Z]{4}-[2-9A-Z]{4}")
 
 
@@ -126,7 +126,7 @@ def test_a_host_may_be_written_as_elsewhere(state, monkeypatch, host, meant):
         raise ConnectionRefusedError("refused")
 
     monkeypatch.setattr(socket, "create_connection", refused)
-    with pytest.raises(AddressError, match=f"nobody waits at {meant} port 1 "):
+    with pytest.raises(AddressError, match=f"no computer pairs at {meant} port 1 "):
         pair_with(host, 1, False, "abcd efgh")
     assert called == [(meant, 1)]
 
@@ -164,13 +164,15 @@ def test_the_router_serves_the_families_that_a_name_may_have(
 
 
 def test_where_nobody_waits_it_says_what_to_do(state):
-    with pytest.raises(AddressError, match=r"nobody waits at 127.0.0.1 .*start `cardan net pair`"):
+    with pytest.raises(
+        AddressError, match=r"no computer pairs at 127.0.0.1 .*start `cardan net pair`"
+    ):
         pair_with(HOST, free_tcp_port(), False, "abcd efgh")
-    with pytest.raises(AddressError, match=r"nobody waits at a\.\.b "):
+    with pytest.raises(AddressError, match=r"no computer pairs at a\.\.b "):
         pair_with("a..b", 1, False, "abcd efgh")
-    with pytest.raises(AddressError, match="nobody has paired within 0 s: begin again"):
+    with pytest.raises(AddressError, match="no computer paired within 0 s: pair again"):
         wait_for_operator((HOST, free_tcp_port()), False, [].append, [].append, 0.0)
-    with pytest.raises(AddressError, match=r"cannot wait at 192.0.2.1"):
+    with pytest.raises(AddressError, match=r"cannot listen at 192.0.2.1"):
         wait_for_operator(("192.0.2.1", 1), False, [].append, [].append)
     assert not state.exists()
 
@@ -394,7 +396,7 @@ def test_both_have_their_files_and_the_keys_differ(state):
 def test_a_wrong_code_is_refused_three_times_and_then_there_is_another(state):
     with Waiting() as robot:
         for reported in (1, 2, 3):
-            with pytest.raises(ConfigurationError, match=r"--code: 127.0.0.1 has another one"):
+            with pytest.raises(ConfigurationError, match=r"--code: 127.0.0.1 shows another code"):
                 pair_with(HOST, robot.port, False, wrong(robot.codes[0]))
             until(lambda reported=reported: len(robot.reported) == reported)
         assert robot.reported == [f"{NOTHING}: the code was wrong"] * 3

@@ -14,7 +14,7 @@ from cardan.conform.timeline import Kind, WireTimeline
 from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 from tests.captures import MOTOMAN, require
 
-UNASKED = "nobody asked for it in this capture"
+UNASKED = "no client requested it in this capture"
 OF_OUR_OWN = {"ur-rtde": {"UR-003", "UR-007", "UR-015", "UR-027", "UR-103"}}
 """Requirements that only the scenario's second and third client test."""
 

@@ -511,7 +511,7 @@ def test_a_pad_that_refuses_effects(tmp_path):
         gamepad(tmp_path) as pad,
     ):
         pad.feedback(DeviceFeedback(rumble=1.0))
-        wait_for(lambda: "would not rumble" in str(pad.diagnosis()), "not said")
+        wait_for(lambda: "refused to rumble" in str(pad.diagnosis()), "not said")
         with pytest.raises(CommandError, match="no led feedback"):
             pad.feedback(DeviceFeedback(led=True))
 

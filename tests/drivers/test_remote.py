@@ -391,7 +391,7 @@ def test_echoes_of_what_was_not_asked_are_refused():
     bench.mangle = lambda message: message | {"asked": message["asked"] + 1.0}
     bench.run(0.3)
     assert bench.state.link is DeviceLink.STALE
-    assert any("answer what was not asked" in line for line in bench.core.diagnosis(bench.now_s))
+    assert any("answer no request" in line for line in bench.core.diagnosis(bench.now_s))
 
 
 # -- behavior of the remote device ----------------------------------------------------------------
@@ -615,14 +615,14 @@ MANY = [
 ]
 BAD_STATES = {
     "version": ({"version": 1}, "of version 1, where this Cardan speaks 3"),
-    "axes": ({"axes": [math.nan] * 6}, "no numbers"),
+    "axes": ({"axes": [math.nan] * 6}, "not numbers"),
     "beyond": ({"axes": [2.0] + [0.0] * 5}, "beyond -1 to 1"),
-    "sent": ({"sent": math.nan}, "a time sent that is none"),
+    "sent": ({"sent": math.nan}, "an invalid time sent"),
     "report": ({"report": 1e12}, "newer than they are"),
     "link": ({"link": "fine"}, "a link 'fine'"),
     "battery": ({"battery": [math.nan]}, "a battery beyond"),
     "batteries": ({"battery": [0.5, 0.5]}, "several batteries"),
-    "inertia": ({"inertia": [{"x": math.inf, "y": 0.0, "z": 0.0}]}, "inertia that are no numbers"),
+    "inertia": ({"inertia": [{"x": math.inf, "y": 0.0, "z": 0.0}]}, "inertia that are not numbers"),
     "edges": ({"edges": MANY}, f"more than {MOST_EDGES} edges"),
     "order": ({"edges": [MANY[1], MANY[0]]}, "edges out of order"),
     "zero": ({"edges": [MANY[0] | {"number": 0}]}, "edges out of order"),
@@ -658,9 +658,9 @@ def test_states_that_mean_nothing_move_nothing_and_are_named(change, words):
 BAD_CLAIMS = {
     "version": ({"version": 0}, "of version 0"),
     "nobody": ({"lessee": 0}, "of nobody"),
-    "asked": ({"asked": math.inf}, "a time asked that is none"),
+    "asked": ({"asked": math.inf}, "an invalid time asked"),
     "rumble": ({"rumble": [math.nan]}, "a rumble beyond 0 to 1"),
-    "late": ({"late": math.nan}, "a lateness that are no numbers"),
+    "late": ({"late": math.nan}, "a lateness that are not numbers"),
     "early": ({"late": -0.1}, "a negative lateness"),
     "lights": ({"led": [True, False]}, "several lights"),
 }
@@ -680,7 +680,7 @@ def test_claims_that_are_none_are_counted():
     share.on_received(whole._replace(data=whole.data[:9]), 1.0)
     share.on_received(whole._replace(attachment=None), 1.0)
     share.on_received(received(CLAIM_TYPE, claim_message(claim()), key_type=STATE_TYPE), 1.0)
-    assert share.counts == {"claims that are cut short": 1, "claims that are none": 2}
+    assert share.counts == {"claims that are cut short": 1, "claims that cannot be decoded": 2}
     assert share.lessee(1.0) == ""
 
 

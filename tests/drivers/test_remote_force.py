@@ -113,13 +113,13 @@ def test_what_the_hand_is_to_feel_and_feels_arrives_as_it_was_sent():
     ("change", "words"),
     {
         "NaN force": ({"force": {"x": math.nan, "y": 0.0, "z": 0.0}}, "a force that are no"),
-        "map": ({"linear": [math.inf] * 9}, "a map that are no numbers"),
+        "map": ({"linear": [math.inf] * 9}, "a map that are not numbers"),
         "energy": ({"absorbed": -1.0}, "a negative energy"),
         "scale": ({"force_scale": 2.0}, "beyond 0 to 1"),
         "shape": ({"fixtures": [{"shape": "Cone", "values": []}]}, "a fixture 'Cone'"),
         "short": ({"fixtures": [{"shape": "Viscous", "values": [1.0]}]}, "too few or too many"),
         "many": ({"fixtures": [{"shape": "Viscous", "values": [1.0, 1.0]}] * 9}, "more than 8"),
-        "answers": ({"answers": math.nan}, "a time answers that is none"),
+        "answers": ({"answers": math.nan}, "an invalid time answers"),
     }.values(),
 )
 def test_forces_that_mean_nothing_are_refused(change, words):

@@ -255,7 +255,7 @@ def test_a_link_that_is_lost_drops_what_waits(how):
         bench.down.stall(bench.now_s + 0.5)
         bench.run(0.4)
     elif how == "gone":
-        bench.core.on_lost("nobody shares it", bench.now_s)
+        bench.core.on_lost("no computer shares it", bench.now_s)
     else:
         bench.share._run += 1
         bench.run(0.1)

@@ -347,9 +347,9 @@ def test_a_state_out_of_the_arms_reach_is_reported_and_not_commanded_from():
     assert not state.ready
     assert state.joints == pytest.approx(HOME)
     assert state.hold_reason == (
-        f"joint {NAMES[1]} is measured at {away[1]:.4g}, 1 from {HOME[1]:.4g} where it was before, "
-        "and goes 3.142 per s at most: see that the robot's joint state publisher measures this "
-        "arm, and that nothing else sends its states; if it is there indeed, start the session anew"
+        f"joint {NAMES[1]} jumped from {HOME[1]:.4g} to {away[1]:.4g}, by 1, and its limit is "
+        "3.142 per s: check that the robot's joint state publisher measures this arm and that "
+        "nothing else sends its states; if the position is right, restart the session"
     )
     assert ours.command(JointCommand(away), 1.0) is None
     assert state.hold_reason in ours.diagnosis(1.0)
@@ -399,12 +399,14 @@ def test_a_continuous_joint_that_is_counted_anew_has_not_jumped():
     state = ours.receive(message((-3.13, 0.0), ("two", "one"), sequence=2, stamp_s=5.01), 0.01)
     assert state.ready
     state = ours.receive(message((-3.13, 0.9), ("two", "one"), sequence=3, stamp_s=5.02), 0.02)
-    assert "joint one is measured at 0.9" in state.hold_reason
+    assert "joint one jumped from 0 to 0.9" in state.hold_reason
 
 
 def test_silence_is_reported_in_words():
     ours = session(silence_s=0.1)
-    assert ours.diagnosis(0.0)[0].startswith("nothing was heard of the robot's joint state pub")
+    assert ours.diagnosis(0.0)[0].startswith(
+        "nothing was received from the robot's joint state pub"
+    )
     ours.receive(message(), 0.0)
     assert ours.link(0.1) is RobotLink.LIVE
     assert ours.link(0.11) is RobotLink.LOST
@@ -744,7 +746,7 @@ def test_without_a_description_it_is_not_opened():
         def description(self):
             return ""
 
-    with pytest.raises(DriverError, match="nobody published a URDF on /robot_description"):
+    with pytest.raises(DriverError, match="no node published a URDF on /robot_description"):
         WiredArm(Silent(), robot="", joints=NAMES).open()
     with pytest.raises(DriverError, match="no joint 'elbow'"):
         WiredArm(Wire(), robot="", joints=("elbow",)).open()

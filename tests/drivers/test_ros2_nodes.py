@@ -111,8 +111,8 @@ def test_a_node_that_hangs_is_stale_and_counts_again_from_rest():
     ("message", "words"),
     [
         (received(b"\0\1\0\0", 999), "cut short"),
-        (received(joy([math.nan] * 6), 999), "no numbers"),
-        (received(joy([1e9] * 6), 999), "no numbers"),
+        (received(joy([math.nan] * 6), 999), "not numbers"),
+        (received(joy([1e9] * 6), 999), "not numbers"),
         (received(joy([0.5] * 5), 999), "5 axes: fewer"),
         (received(joy([0.5] * 6), 999, key=KEY.replace("Joy_", "Imu_")), "another type"),
         (received(joy([0.5] * 6), 999)._replace(attachment=None), "without the attachment"),

@@ -314,7 +314,7 @@ def test_an_arm_that_began_anew_elsewhere_is_commanded_when_it_can_be_there():
     assert all(receive(number).ready for number in range(1, 10))
     state = receive(10, session=6, positions=away)
     assert (state.session, state.ready, state.joints) == (1, False, (0.0,) * 6)
-    assert state.hold_reason.startswith("joint 1 is measured at 1, 1 from 0 where it was before")
+    assert state.hold_reason.startswith("joint 1 jumped from 0 to 1, by 1, and its limit is")
     assert receive(10).ready, "the one before is heard, too"
     fastest = session.capabilities.limits.velocity[0]
     for number in range(11, 500):

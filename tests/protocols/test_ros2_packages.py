@@ -86,7 +86,7 @@ def test_nothing_is_written_over_nor_beside_what_is_there(tmp_path):
     there.mkdir()
     reported = CliRunner().invoke(app, ["net", "messages", str(tmp_path)])
     assert reported.exit_code != 0
-    assert f"{there} is there already and is not written over" in str(reported.exception)
+    assert f"{there} exists already and is not overwritten" in str(reported.exception)
     assert list(tmp_path.rglob("*")) == [there]
 
 

@@ -113,8 +113,8 @@ def test_what_is_allowed_is_taken(server, name, value):
     ("name", "value", "words"),
     [
         ("gain", 2.5, "gain: allowed are 0 to 2, not 2.5"),
-        ("gain", float("nan"), "no finite number"),
-        ("free", float("inf"), "no finite number"),
+        ("gain", float("nan"), "not a finite number"),
+        ("free", float("inf"), "not a finite number"),
         ("gain", 1, r"gain: it is a double, not integer: write 1\.0"),
         ("gain", "fast", "gain: it is a double, not string"),
         ("gain", None, "not set: it cannot be deleted"),

@@ -85,12 +85,12 @@ def test_null_is_as_good_as_absent():
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "no JSON"),
-        ("{", "no JSON"),
+        ("", "not JSON"),
+        ("{", "not JSON"),
         ("[]", "JSON object"),
         ('{"op":"publish","topic":"/t","msg":{"x":NaN}}', "JSON has no NaN"),
-        ("[" * 100_000, "no JSON"),
-        ("1" * 10_000, "no JSON"),
+        ("[" * 100_000, "not JSON"),
+        ("1" * 10_000, "not JSON"),
         ('{"id":"1"}', "op: unknown operation None"),
         ('{"op":"fly","id":"1"}', "op: unknown operation 'fly'"),
         ('{"op":["x"]}', "op: unknown operation ['x']"),

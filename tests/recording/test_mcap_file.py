@@ -248,7 +248,7 @@ def test_mcaps_non_seeking_reader_reads_one_that_was_flushed(tmp_path):
 def test_what_is_no_mcap_file_is_refused(tmp_path, data):
     path = tmp_path / "other"
     path.write_bytes(data)
-    with pytest.raises(CaptureError, match="is no MCAP file"):
+    with pytest.raises(CaptureError, match="is not an MCAP file"):
         list(RecordReader(path))
 
 

@@ -143,7 +143,7 @@ def test_a_record_that_was_cut_off_is_shown_as_far_as_it_goes(path, tmp_path):
 def test_what_is_no_record_is_refused_in_words(tmp_path, data):
     path = tmp_path / "bad.mcap"
     path.write_bytes(data)
-    with pytest.raises(CaptureError, match=r"is no MCAP file|has no messages"):
+    with pytest.raises(CaptureError, match=r"is not an MCAP file|has no messages"):
         Show(path)
     out = io.StringIO()
     run(path, io.StringIO(), out)

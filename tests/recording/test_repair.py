@@ -134,6 +134,6 @@ def test_nothing_is_overwritten_and_nothing_is_made_of_what_is_none(file, tmp_pa
         repair(file, file)
     other = tmp_path / "other"
     other.write_bytes(b"[session]\n")
-    with pytest.raises(CaptureError, match="is no MCAP file"):
+    with pytest.raises(CaptureError, match="is not an MCAP file"):
         repair(other, tmp_path / "new.mcap")
     assert not (tmp_path / "new.mcap").exists()

@@ -153,7 +153,7 @@ def test_values_that_are_none_are_refused_at_the_client(client, name, type_name,
     [
         ('{"linear": {"x": NaN}}', "JSON has no NaN"),
         ('{"linear": {"x": ' + "9" * 5000 + "}}", "limit"),
-        ("[" * 20000, "no JSON"),
+        ("[" * 20000, "not JSON"),
         ('{"linear": {"x": true}}', "takes a number, not True"),
         ('{"linear": {"q": 1}}', "has no such field"),
     ],

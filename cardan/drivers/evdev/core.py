@@ -45,7 +45,7 @@ FRAME_WITHIN_S = 0.05
 """Longest frame, s: the kernel delivers frames whole, so a longer one is garbled."""
 
 DROPPED_REASON = "the system dropped its events, since they were not read in time"
-GARBLED_REASON = "it sent bytes that are no events"
+GARBLED_REASON = "it sent bytes that are not events"
 UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:g} s: this computer is too busy"
 UNANSWERED_REASON = f"deflected, but the simulated device hangs for {UNREAD_AFTER_S:g} s"
 
@@ -55,7 +55,7 @@ class EvdevCore(DeviceCore):
 
     _counters: ClassVar[Mapping[str, str]] = {
         "dropped": "times the system dropped events that were not read in time",
-        "garbled": "packets that are no events, ignored",
+        "garbled": "packets that are not events, ignored",
         "overlong_frames": "frames without an end, ignored",
         "silences": "silences while deflected",
     }

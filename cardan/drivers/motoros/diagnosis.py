@@ -16,8 +16,8 @@ from cardan.protocols.simple_message.codes import (
 from cardan.protocols.simple_message.messages import RobotStatus
 
 _TASKS: Mapping[int, str] = {
-    MotionCommand.CHECK_MOTION_READY: "the question whether the robot is ready",
-    MotionCommand.CHECK_QUEUE_CNT: "the question how much is queued",
+    MotionCommand.CHECK_MOTION_READY: "the query of readiness",
+    MotionCommand.CHECK_QUEUE_CNT: "the query of the queue's length",
     MotionCommand.STOP_MOTION: "stopping the motion",
     MotionCommand.START_SERVOS: "switching the servos on",
     MotionCommand.STOP_SERVOS: "switching the servos off",
@@ -27,16 +27,16 @@ _TASKS: Mapping[int, str] = {
     MotionCommand.DISCONNECT: "closing the motion connection",
     MotionCommand.START_RT: "starting real-time mode",
     MotionCommand.STOP_RT: "ending real-time mode",
-    MotionCommand.CHECK_TIMEOUT_CNT: "the question how many real-time cycles were missed",
+    MotionCommand.CHECK_TIMEOUT_CNT: "the query of missed real-time cycles",
     MotionCommand.START_VEL_MODE: "starting velocity mode",
     MotionCommand.STOP_VEL_MODE: "ending velocity mode",
     MessageType.JOINT_TRAJ_PT_FULL: "a point of the trajectory",
     MessageType.MOTO_JOINT_TRAJ_PT_FULL_EX: "a point of the trajectory of several groups",
     MessageType.MOTO_SELECT_TOOL: "the choice of a tool",
-    MessageType.MOTO_GET_DH_PARAMETERS: "the question for the Denavit-Hartenberg parameters",
+    MessageType.MOTO_GET_DH_PARAMETERS: "the query of the Denavit-Hartenberg parameters",
     MessageType.MOTO_JOINT_VELOCITY: "a velocity",
     MessageType.MOTO_JOINT_VELOCITY_EX: "a velocity of several groups",
-    MessageType.MOTO_VELOCITY_INFO: "the question for velocity mode",
+    MessageType.MOTO_VELOCITY_INFO: "the query of velocity mode",
     MessageType.MOTO_READ_IO_BIT: "reading a bit",
     MessageType.MOTO_WRITE_IO_BIT: "writing a bit",
     MessageType.MOTO_READ_IO_GROUP: "reading a group",
@@ -125,8 +125,8 @@ _FAILURES: Mapping[int, str] = {
         "the tool stays as it was; see on the pendant which tools are defined"
     ),
     MessageType.MOTO_GET_DH_PARAMETERS: "this controller does not give them",
-    MessageType.MOTO_JOINT_VELOCITY: "it does not act; start velocity mode anew",
-    MessageType.MOTO_JOINT_VELOCITY_EX: "it acts on no group; start velocity mode anew",
+    MessageType.MOTO_JOINT_VELOCITY: "it has no effect; restart velocity mode",
+    MessageType.MOTO_JOINT_VELOCITY_EX: "it affects no group; restart velocity mode",
     MessageType.MOTO_VELOCITY_INFO: "velocity mode cannot be used; use trajectory mode",
 }
 _FAILURE_OTHERWISE = "the controller gives no reason; look at the pendant for an alarm"
@@ -148,7 +148,7 @@ _INVALID: Mapping[int, str] = {
     ),
     InvalidSubcode.SEQUENCE: "the sequence number is negative",
     InvalidSubcode.COMMAND: "this MotoROS does not know the command",
-    InvalidSubcode.DATA: "a value in the message makes no sense to the controller",
+    InvalidSubcode.DATA: "the controller rejects a value in the message",
     InvalidSubcode.DATA_START_POS: (
         "the first point is more than 30 pulses (about 0.03 degrees) from where the controller "
         "commands the robot to be: wait until it stands still, and begin again from there"
@@ -236,7 +236,7 @@ _IO_RESULTS: Mapping[int, str] = {
     IoResult.OK: "done",
     IoResult.READ_ADDRESS_INVALID: (
         "the controller has nothing to read at this address; the pendant's lists of inputs, "
-        "outputs and registers show what there is"
+        "outputs and registers show which exist"
     ),
     IoResult.WRITE_ADDRESS_INVALID: (
         "the controller lets nothing be written at this address; general outputs, network "

@@ -230,7 +230,7 @@ class MotionControl:
         motion = self.motion
         if motion is not None:
             if self.phase is MotionPhase.MOVING and not self.live(now_s):
-                self.brake("no state was heard of the controller", now_s)
+                self.brake("no state was received from the controller", now_s)
             motion.advance(now_s)
             if self.phase is MotionPhase.BRAKING or motion.waiting:
                 self._hold(motion, now_s)
@@ -350,7 +350,7 @@ class MotionControl:
         if self.phase is not MotionPhase.STARTING:
             return
         if not failed and not self.feed.live(now_s):
-            failed = "no state was heard of the controller"
+            failed = "no state was received from the controller"
         self.phase = MotionPhase.IDLE
         self._check_s = now_s + IDLE_CHECK_S
         if failed:

@@ -25,7 +25,7 @@ COMMAND_PERIOD_S = Range(0.001, 0.05, "s", "slower commands are steps, faster on
 SPACING_S = Range(0.002, 0.2, "s", "a stream of sparser points follows the operator too late")
 IPC_S = Range(0.001, 0.02, "s", "no controller interpolates in other steps")
 STATE_TIMEOUT_S = Range(
-    STATE_PERIOD_S, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen"
+    STATE_PERIOD_S, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s moves 12 cm unobserved"
 )
 REQUEST_TIMEOUT_S = Range(0.01, 10.0, "s", "a controller that answers later counts as lost")
 START_TIMEOUT_S = Range(0.1, 60.0, "s", "servos are on and a job is started sooner")

@@ -65,7 +65,7 @@ UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), 
 _LINKS = {DeviceLink.CLOSED: DeviceLink.LOST, DeviceLink.STALE: DeviceLink.LOST}
 """Remote link states that count as another one here: STALE means that no state is young enough."""
 
-ANEW = "`cardan devices share` was started anew on the operator's computer"
+ANEW = "`cardan devices share` was restarted on the operator's computer"
 LET_GO = "it was lost, or its states were too old: let go of the device once"
 
 
@@ -75,12 +75,12 @@ class RemoteCore(BusCore):
     message_type = STATE_TYPE
 
     _counters: ClassVar[Mapping[str, str]] = {
-        "silences": "times that no state was young enough",
+        "silences": "times that no state was recent enough",
         "late": "states that came twice or late, ignored",
         "old": "states that were too long on their way, ignored",
         "back": "states whose stamp went back, ignored",
-        "future": "states from the future by their stamp, ignored",
-        "old_presses": "presses that were too old to count, ignored until let go",
+        "future": "states with a stamp in the future, ignored",
+        "old_presses": "presses that were too old, ignored until released",
         "missed_edges": "edges of buttons that came too often to be reported",
         "others": "states of a second computer that shares under the same name, ignored: end one "
         "of the two",
@@ -181,7 +181,7 @@ class RemoteCore(BusCore):
                 if shared.asked_s < self._claimed_s:
                     self._counts["old"] += 1
                 else:
-                    self._on_malformed("that answer what was not asked", -1)
+                    self._on_malformed("that answer no request", -1)
                 return
             self._echoed_s = shared.asked_s
             resets = self._clock.resets

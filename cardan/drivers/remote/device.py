@@ -69,9 +69,10 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
     def _why_missing(self) -> str:
         options = self.options
         return (
-            f"nobody shares {options.device} by the router {self._on_bus.bus.router or 'none'}: "
-            f"start `cardan devices share` as {options.device} on the operator's computer, with "
-            "--router, or --zenoh-config once paired"
+            f"no computer shares {options.device} by the router "
+            f"{self._on_bus.bus.router or 'none'}: start `cardan devices share` as "
+            f"{options.device} on the operator's computer, with --router, or --zenoh-config once "
+            "paired"
         )
 
     def _why_gone(self) -> str:

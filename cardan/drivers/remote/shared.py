@@ -419,13 +419,13 @@ def _at_most_one(values: Sequence[Any], what: str) -> Any:
 
 def _number(value: float, what: str) -> float:
     if not abs(value) <= LARGEST:
-        raise UnusableError(f"with {what} that are no numbers")
+        raise UnusableError(f"with {what} that are not numbers")
     return value
 
 
 def _time(value: float, what: str) -> float:
     if not math.isfinite(value):
-        raise UnusableError(f"with a time {what} that is none")
+        raise UnusableError(f"with an invalid time {what}")
     return value
 
 
@@ -437,7 +437,7 @@ def _share(value: float, what: str) -> float:
 
 def _axes(values: Sequence[float]) -> Axes:
     if not all(-1.0 <= each <= 1.0 for each in values):
-        raise UnusableError("with axes beyond -1 to 1, or that are no numbers")
+        raise UnusableError("with axes beyond -1 to 1, or that are not numbers")
     x, y, z, roll, pitch, yaw = values
     return Axes(x, y, z, roll, pitch, yaw) if any(values) else NEUTRAL
 
@@ -452,7 +452,7 @@ def _pose(value: Message | None) -> Pose | None:
     place, turn = value["position"], value["orientation"]
     q = Quaternion(*(_number(turn[key], "a pose") for key in ("w", "x", "y", "z")))
     if not 0.99 < math.hypot(*q) < 1.01:
-        raise UnusableError("with an orientation that is no unit quaternion")
+        raise UnusableError("with an orientation that is not a unit quaternion")
     return Pose(_vector(place, "a pose"), normalized(q))
 
 

@@ -57,8 +57,8 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
         text = transport.description()
         if not text:
             raise DriverError(
-                f"nobody published a URDF on {topic} within {DESCRIPTION_TIMEOUT_S:g} s: start the "
-                "robot's robot_state_publisher, or name the arm or its URDF as `robot`"
+                f"no node published a URDF on {topic} within {DESCRIPTION_TIMEOUT_S:g} s: start "
+                "the robot's robot_state_publisher, or name the arm or its URDF as `robot`"
             )
         try:
             return limits_in(text, self.options.joints)

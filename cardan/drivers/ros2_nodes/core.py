@@ -154,7 +154,7 @@ class JoyCore(BusCore):
         given, buttons = message["axes"], message["buttons"]
         scale = self._options.full_scale
         if not all(abs(value) <= LARGEST for value in given):
-            self._on_malformed("with axes that are no numbers", -1)
+            self._on_malformed("with axes that are not numbers", -1)
             return
         if max(map(abs, (*self._plain, *self._shifted))) > len(given):
             self._on_malformed(f"with {len(given)} axes: fewer than are mapped", -1)

@@ -60,7 +60,7 @@ class SimArmOptions(Options):
     faults: tuple[str, ...] = ()
     """NAME or NAME=VALUE, as `cardan sim arm --list-faults` names them."""
     seed: Annotated[int, bounds.SEED] = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
     command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Time without a command after which the simulated controller brakes."""
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1

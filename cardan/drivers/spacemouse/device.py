@@ -261,7 +261,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         if options.transport == "socket":
             return f"{absence(options.path)}: start the simulated device first"
         wanted = such(options, "path", "model", "serial", "port", "slot")
-        return f"no 3Dconnexion device{wanted} is plugged in; `cardan devices` lists what there is"
+        return f"no 3Dconnexion device{wanted} is plugged in; `cardan devices` lists all found"
 
     # -- the reader ----------------------------------------------------------------------------
 

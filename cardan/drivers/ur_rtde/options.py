@@ -21,7 +21,7 @@ RATE_HZ = Range(
 )
 LOOKAHEAD_S = Range(0.03, 0.2, "s", "servoj takes no other")
 GAIN = Range(100, 2000, "", "servoj takes no other")
-WATCHDOG_S = Range(0.02, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen")
+WATCHDOG_S = Range(0.02, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s moves 12 cm unobserved")
 STOP_RAD_S2 = Range(0.5, 40.0, "rad/s²", "a harder stop than the joints can, or none to speak of")
 FOLLOWING_RAD = Range(0.02, 2.0, "rad", "an arm in good order lags by that, or is not obeying")
 REQUEST_TIMEOUT_S = Range(0.05, 10.0, "s", "a controller that answers later counts as lost")

@@ -253,12 +253,12 @@ class NeighborWatch:
             if now_s - self._second_s > self._max_age_s:
                 return ""
             return (
-                f"two publish joint states of {self._who} on {self.topic}: stop one of them "
-                "(`cardan net list` lists who is there)"
+                f"two nodes publish joint states of {self._who} on {self.topic}: stop one of them "
+                "(`cardan net list` lists the nodes)"
             )
-        what = f"nothing was heard of {self._who} yet"
+        what = f"nothing was received from {self._who} yet"
         if age_s < math.inf:
-            what = f"where {self._who} is was last known {age_s:.1f} s ago"
+            what = f"the position of {self._who} was last known {age_s:.1f} s ago"
         if self._problem:
-            return f"{what}: on {self.topic} come {self._problem}"
+            return f"{what}: {self.topic} has {self._problem}"
         return f"{what}: start what publishes its joint states on {self.topic}"

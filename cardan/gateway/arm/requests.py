@@ -150,7 +150,7 @@ def decode_request(packet: bytes) -> Request:
     table = _unpacked(packet)
     number = table.pop("id", None)
     if not _is_id(number):
-        raise PacketError(f"id: {brief(number)} is no integer from 0 to {LARGEST_INTEGER}")
+        raise PacketError(f"id: {brief(number)} is not an integer from 0 to {LARGEST_INTEGER}")
     try:
         return _request(number, table)
     except CardanError as error:
@@ -204,14 +204,14 @@ def _unpacked(packet: bytes) -> dict[str, Any]:
     try:
         table = json.loads(packet, parse_constant=_no_number, parse_float=_finite)
     except (ValueError, RecursionError) as error:
-        raise PacketError(f"it is no JSON: {error}") from None
+        raise PacketError(f"it is not JSON: {error}") from None
     if not isinstance(table, dict):
-        raise PacketError(f"it is no object: {brief(table)}")
+        raise PacketError(f"it is not an object: {brief(table)}")
     return table
 
 
 def _no_number(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no finite number")
+    raise ValueError(f"{word} is not a finite number")
 
 
 def _finite(word: str) -> float:

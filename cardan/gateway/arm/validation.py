@@ -105,7 +105,7 @@ def checked_sequence(verb: str, number: object) -> int:
         or not 0 <= number <= LARGEST_SEQUENCE
     ):
         raise MotionRefusedError(
-            f"{verb}: the sequence number {brief(number)} is no integer from 0 to "
+            f"{verb}: the sequence number {brief(number)} is not an integer from 0 to "
             f"{LARGEST_SEQUENCE}"
         )
     return number

@@ -83,7 +83,7 @@ class _Named(NamedTuple):
 
 PARAMETERS = (
     _Named(
-        "preset_streaming_cmd", Parameter.STREAM, "Streaming command that is listened to",
+        "preset_streaming_cmd", Parameter.STREAM, "Streaming command that is accepted",
         {
             "none": Stream.NONE, "pose": Stream.POSE, "twist": Stream.TWIST,
             "wrench": Stream.WRENCH, "joint": Stream.JOINT,
@@ -104,7 +104,7 @@ PARAMETERS = (
         "cmc_period", Parameter.CONTROL_PERIOD,
         "Period that `gain` refers to; the arm's own is that of its robot",
     ),
-    _Named("wait_period", Parameter.WAIT_PERIOD, "How often `wait` looks whether the arm arrived"),
+    _Named("wait_period", Parameter.WAIT_PERIOD, "Period at which `wait` checks for arrival"),
     _Named("rotation_reference_speed", Parameter.ROTATION_SPEED, "Angular speed of movl"),
     _Named(
         "rotation_reference_acceleration", Parameter.ROTATION_ACCELERATION,
@@ -135,7 +135,7 @@ PARAMETERS = (
         "joint_acceleration_share", Parameter.JOINT_ACCELERATION,
         "Share of the joints' accelerations in movj, relj",
     ),
-    _Named("pose_damping", Parameter.DAMPING, "How strongly streamed poses are smoothed"),
+    _Named("pose_damping", Parameter.DAMPING, "Smoothing of streamed poses"),
 )  # fmt: skip
 """All parameters of the interface, those of the paper first."""
 

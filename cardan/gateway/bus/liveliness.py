@@ -12,8 +12,8 @@ from cardan.bus.node import Received, ServiceRequest, gid_of_token
 from cardan.protocols.ros2.zenoh import LIVELINESS, Entity
 
 UNKNOWN = (
-    "this motion has no end, and who asked for it is not known, so nobody would notice when that "
-    "one is gone: ask from a node of ROS 2 over rmw_zenoh, from a Zenoh session that has "
+    "this motion has no end, and its sender has no liveliness token, so its loss would "
+    "go unnoticed: send it from a node of ROS 2 over rmw_zenoh, from a Zenoh session that has "
     "timestamping and a liveliness token, or by cardan.network_arm; or set "
     "endless_without_watch in [network]"
 )

@@ -191,7 +191,7 @@ class ShareCore:
         self._expire(now_s)
         attachment = received.attachment
         if attachment is None or received.key.split("/")[-2:-1] != [self._dds_type]:
-            self.counts["claims that are none"] += 1
+            self.counts["claims that cannot be decoded"] += 1
             return
         if len(received.data) > MOST_BYTES:
             self.counts[f"claims of more than {MOST_BYTES} bytes"] += 1

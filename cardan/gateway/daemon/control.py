@@ -93,7 +93,7 @@ def decode_ask(line: bytes) -> Ask:
     table = _table(line)
     number = table.pop("id", None)
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number <= _LARGEST_ID:
-        raise ControlError(f"id: {number!r:.60} is no whole number from 0 to {_LARGEST_ID}")
+        raise ControlError(f"id: {number!r:.60} is not a whole number from 0 to {_LARGEST_ID}")
     do, name, value = table.pop("do", None), table.pop("name", ""), table.pop("value", None)
     if not isinstance(do, str) or do not in NEEDS:
         raise ControlError(f"do: there is no {do!r:.60}; allowed: {', '.join(NEEDS)}", number)
@@ -126,9 +126,9 @@ def _table(line: bytes) -> dict[str, Any]:
     try:
         table = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise ControlError(f"it is no JSON: {error}") from None
+        raise ControlError(f"it is not JSON: {error}") from None
     if not isinstance(table, dict):
-        raise ControlError(f"it is no object: {shown(table)}")
+        raise ControlError(f"it is not an object: {shown(table)}")
     if not _is_flat(table, MOST_LEVELS):
         raise ControlError(f"it has more than {MOST_LEVELS} lists and objects within each other")
     return table

@@ -384,7 +384,7 @@ class Daemon:
 
     def _named(self, ask: Ask) -> list[DaemonService]:
         if not ask.name:
-            raise ControlError(f"{ask.do}: of which? {self._names()}", ask.id)
+            raise ControlError(f"{ask.do}: give a name: {self._names()}", ask.id)
         if ask.name not in self._services:
             raise ControlError(f"there is no {ask.name!r:.70}; {self._names()}", ask.id)
         return [self._services[ask.name]]
@@ -495,8 +495,8 @@ class Daemon:
         """Raise ControlError if too many requests of this connection continue already."""
         ids = [number for of, number in (*self._watchers, *self._followers) if of == id(connection)]
         if len(ids) >= GOING_ON or ask.id in ids:
-            why = f"one of id {ask.id} goes" if ask.id in ids else f"{GOING_ON} go"
-            raise ControlError(f"{ask.do}: {why} on for this connection already", ask.id)
+            why = f"a request of id {ask.id}" if ask.id in ids else f"{GOING_ON} requests"
+            raise ControlError(f"{ask.do}: this connection has {why} already", ask.id)
         if not ids:
             connection.gone.append(lambda: self._forget(id(connection)))
 
@@ -528,7 +528,7 @@ class Daemon:
         """Return the retained items as the answer; or send them one by one, followed by new
         ones."""
         if ask.value not in (None, True, False):
-            why = "its value says whether it goes on: true or false"
+            why = "its value must be true or false (follow or not)"
             raise ControlError(f"{ask.do}: {why}", ask.id)
         if not ask.value:
             return retained
@@ -591,7 +591,7 @@ class Daemon:
         except OSError as error:
             del self._routes[service.name, number]
             blocked = isinstance(error, BlockingIOError)
-            words = "it reads none; it stands still" if blocked else error.strerror
+            words = "it does not read them; it hangs" if blocked else error.strerror
             raise ControlError(f"{service.name} takes no requests: {words}", ask.id) from None
 
     def _answered(self, name: str, packet: bytes) -> None:
@@ -655,7 +655,7 @@ class Daemon:
         under way.
         """
         if self._reading:
-            raise ControlError("a reload is under way; ask again when it is over")
+            raise ControlError("a reload is under way; try again when it has finished")
         self._reading = True
 
         def read() -> None:

@@ -36,10 +36,10 @@ GAUGES: Final = (
      "Distance between reference and robot; only while it moves."),
     ("cardan_tracking_error_rms_meters", "tracking.error_rms_m",
      "Distance between reference and robot while moving, RMS since the session's start."),
-    ("cardan_tracking_error_max_meters", "tracking.error_max_m", "The largest such distance."),
-    ("cardan_lead_used_ratio", "arm.lead_used", "Lead of the reference over the robot; 1: all."),
-    ("cardan_path_speed_ratio", "arm.path_speed", "Share of the asked speed that the arm can do."),
-    ("cardan_clearance_meters", "arm.clearance_m", "Distance of the nearest pair of bodies."),
+    ("cardan_tracking_error_max_meters", "tracking.error_max_m", "Largest of these distances."),
+    ("cardan_lead_used_ratio", "arm.lead_used", "Lead of the reference, share of its maximum."),
+    ("cardan_path_speed_ratio", "arm.path_speed", "Possible share of the requested speed."),
+    ("cardan_clearance_meters", "arm.clearance_m", "Distance between the nearest pair of bodies."),
     ("cardan_device_battery_ratio", "device.battery", "Charge of the operator device."),
     ("cardan_force_newtons", "force.rendered_n", "Force rendered to the hand."),
     ("cardan_contact_force_newtons", "contact.force_n", "Contact force at the tool."),
@@ -51,26 +51,26 @@ COUNTERS: Final = (
     ("cardan_cycle_overruns", "robot.missed_cycles",
      "Control instants that never arrived, or that had passed before they were answered."),
     ("cardan_trips", "arm.trips", "Disengagements of the moving source by a watchdog or a fault."),
-    ("cardan_moving_seconds", "tracking.moving_s", "Time in which the arm was moved."),
-    ("cardan_reference_path_meters", "tracking.path_m", "How far the reference has traveled."),
+    ("cardan_moving_seconds", "tracking.moving_s", "Time with motion commands."),
+    ("cardan_reference_path_meters", "tracking.path_m", "Distance traveled by the reference."),
     ("cardan_force_losses", "force.losses", "Disengagements because the force was lost."),
     ("cardan_device_passes", "device.passes",
-     "Requests of the operator to pass the device on."),
+     "Requests by the operator to pass the device on."),
 )  # fmt: skip
 """Counters of a session, which restart with it."""
 
 SERVER_COUNTERS: Final = (
     ("cardan_server_denied_connections", "denied", "Refused connections."),
     ("cardan_server_refusals", "refused", "Refused requests of clients."),
-    ("cardan_server_dropped_messages", "superseded", "Publications that newer ones replaced."),
+    ("cardan_server_dropped_messages", "superseded", "Messages that newer ones replaced."),
     ("cardan_server_unreadable_messages", "unreadable", "Messages that do not match their type."),
-    ("cardan_server_slow_clients", "too slow", "Clients that were closed for not reading."),
+    ("cardan_server_slow_clients", "too slow", "Clients disconnected because they did not read."),
     ("cardan_server_cut_off_clients", "cut off",
-     "Clients that were closed because the server had stood still."),
-    ("cardan_recording_bytes", "bytes", "Size of what this recorder has written."),
-    ("cardan_recording_messages", "messages", "Messages that it has written."),
-    ("cardan_recording_dropped_messages", "dropped", "Messages that came faster than it writes."),
-    ("cardan_recording_lost_messages", "lost", "Messages that did not arrive at it."),
+     "Clients disconnected because the server stood still."),
+    ("cardan_recording_bytes", "bytes", "Bytes that this recorder has written."),
+    ("cardan_recording_messages", "messages", "Messages that this recorder has written."),
+    ("cardan_recording_dropped_messages", "dropped", "Messages lost to a slow disk."),
+    ("cardan_recording_lost_messages", "lost", "Messages lost before they reached the recorder."),
 )  # fmt: skip
 """Counters of a server: name, the server's own name for it, help."""
 
@@ -89,12 +89,12 @@ def metrics_of(answer: Mapping[str, Any]) -> Iterator[Metric]:
 def _of_units(rows: Sequence[Row]) -> Iterator[Metric]:
     restarts = CounterMetricFamily(
         "cardan_restarts",
-        "Starts after an end of its own, of a session's or a server's process.",
+        "Restarts after an unrequested end of a session's or server's process.",
         labels=("kind", "name"),
     )
     share = GaugeMetricFamily(
         "cardan_processor_ratio",
-        "Share of one processor that a process takes.",
+        "Share of one processor that a process uses.",
         labels=("kind", "name"),
     )
     for row in rows:
@@ -149,7 +149,7 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
     )
     limits = GaugeMetricFamily(
         "cardan_limit_active",
-        "1 while it limits the arm's motion.",
+        "1 while this limit slows the arm's motion.",
         labels=("session", "limit"),
     )
     errors = CounterMetricFamily(

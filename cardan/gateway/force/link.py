@@ -130,7 +130,7 @@ def encode_refusal(message: RefusalMessage) -> bytes:
 
 
 def decode(packet: bytes) -> Message | None:
-    """Decode the message in `packet`; None if it is malformed or has values that are no numbers."""
+    """Decode the message in `packet`; None if it is malformed or has invalid numbers."""
     if len(packet) < _REFUSAL_AT:
         return None
     magic, version, kind = _HEAD.unpack_from(packet)

@@ -76,7 +76,7 @@ class NetworkSource(ForceSource):
         self.feedback = PublishedFeedback(max_age_s)
         self._rotation: Matrix3 | None = IDENTITY3
         """Hand axes to those of the robot's base; None while clutched out."""
-        self.reason = "nobody has published a feedback for the hand"
+        self.reason = "no node has published a feedback for the hand"
 
     def publish(
         self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float

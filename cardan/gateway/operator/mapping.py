@@ -214,7 +214,7 @@ class MappingOptions(Options):
             (
                 "recapture",
                 self.recapture and self.mode is not Mode.POSITION,
-                f"{mode} has no references to take anew",
+                f"{mode} has no references to reset",
             ),
             ("origin_m", not absolute and self.origin_m is not None, only),
             ("device_center_m", not absolute and self.device_center_m != ZERO3, only),

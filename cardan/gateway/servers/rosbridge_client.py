@@ -246,7 +246,7 @@ class RosbridgeClient:
         type_name: str | None = agreed_type(topic, asked.type, present)
         if not type_name:
             if asked.compression != "cbor-raw":
-                raise RefusedError(f"{topic}: nobody has this topic yet; give its type")
+                raise RefusedError(f"{topic}: no node has this topic yet; give its type")
             type_name = None
         elif asked.compression != "cbor-raw":
             message_type(type_name)
@@ -350,7 +350,7 @@ class RosbridgeClient:
         if service in self._offered:
             self._stop_offering(service)
         elif service in self._network.services():
-            raise RefusedError(f"{service} is offered by somebody already")
+            raise RefusedError(f"{service} is already offered by another client")
         if len(self._offered) >= MAX_OFFERED:
             raise RefusedError(f"{MAX_OFFERED} services are offered; no more are taken")
 

@@ -176,7 +176,7 @@ class ListenerOptions(Options):
             "host",
             self.host,
             "127.0.0.1, unless there is a certificate and its key, or plaintext says that the "
-            "network is protected otherwise: who reads a token on the way can use it",
+            "network is protected otherwise: an eavesdropper could use the token",
         )
 
     @property

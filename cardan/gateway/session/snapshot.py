@@ -55,7 +55,7 @@ class ArmSnapshot:
     path_speed: float | None = None
     """Share of the requested speed that the arm can do; None without an arm's model."""
     clearance_m: float | None = None
-    """Distance of the nearest pair of bodies."""
+    """Distance between the nearest pair of bodies."""
     nearest_pair: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     """Those of :data:`cardan.gateway.arm.status.LIMITS` that act now."""

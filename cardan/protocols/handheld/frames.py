@@ -225,12 +225,12 @@ def decode_frame(data: bytes) -> OperatorFrame | MalformedFrame:
     version, kind, flags, channel, sequence, time_us = _HEADER.unpack_from(data)
     if version != VERSION:
         return MalformedFrame(
-            f"of version {version:#04x}, and this server reads {VERSION:#04x}: load the page anew"
+            f"of version {version:#04x}, and this server reads {VERSION:#04x}: reload the page"
         )
     if flags & ~_KNOWN_FLAGS:
         return MalformedFrame(f"with flags {flags:#04x}, of which some are unknown")
     if time_us > LONGEST_US:
-        return MalformedFrame("with a time that no page has")
+        return MalformedFrame("with an impossible time")
     body = _decoded(kind, data[_HEADER.size :])
     if isinstance(body, MalformedFrame):
         return body
@@ -261,7 +261,7 @@ def _decoded(kind: int, data: bytes) -> Body | MalformedFrame:
 
 
 _PARTS: Final = frozenset(BodyPart)
-_NO_NUMBERS: Final = MalformedFrame("with numbers that are none, or too large")
+_NO_NUMBERS: Final = MalformedFrame("with numbers that are invalid or too large")
 
 
 def _fine(values: tuple[float, ...]) -> bool:

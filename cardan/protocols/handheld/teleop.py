@@ -69,7 +69,7 @@ def decode_teleop(text: str) -> TeleopPose | TeleopLog | MalformedFrame | None:
     position, orientation = _numbers(data, "position", "xyz"), _numbers(data, "orientation", "wxyz")
     scale = data.get("scale", 1.0)
     if position is None or orientation is None or not _is_number(scale):
-        return MalformedFrame("of teleop with numbers that are none, or too large")
+        return MalformedFrame("of teleop with numbers that are invalid or too large")
     length = math.sqrt(sum(each * each for each in orientation))
     if not 0.99 < length < 1.01:
         return MalformedFrame(f"of teleop with an orientation of the length {length:.3g}, not 1")

@@ -211,7 +211,7 @@ class Codec:
 
     def _write_text(self, text: Any, field: Field, parts: list[bytes], position: int) -> int:
         if not isinstance(text, str) or "\0" in text:
-            raise CdrError(f"{self.name}: {field.name}: {text!r:.80} is no text without NUL")
+            raise CdrError(f"{self.name}: {field.name}: {text!r:.80} is not a text without NUL")
         data = text.encode("utf-8", "replace")
         if field.most_characters and len(data) > field.most_characters:
             raise CdrError(f"{self.name}: {field.name}: longer than {field.most_characters} bytes")

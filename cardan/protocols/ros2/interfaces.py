@@ -162,7 +162,7 @@ def full_name(name: str, kind: str = "msg") -> str:
     if len(parts) == 2:
         parts.insert(1, kind)
     if len(parts) != 3 or parts[1] not in ("msg", "srv", "action") or not all(map(_is_name, parts)):
-        raise InterfaceError(f"{name[:80]!r} is no type; one looks like geometry_msgs/msg/Pose")
+        raise InterfaceError(f"{name[:80]!r} is not a type such as geometry_msgs/msg/Pose")
     return "/".join(parts)
 
 

@@ -131,7 +131,7 @@ def _bytes(field: Field, given: Any, path: str) -> bytes:
         try:
             given = base64.b64decode(given, validate=True)
         except (ValueError, binascii.Error):
-            raise MessageError(f"{path}: {shown(given)} is no base64") from None
+            raise MessageError(f"{path}: {shown(given)} is not base64") from None
     elif isinstance(given, (list, tuple)):
         given = bytes(_single(field, each, path, None) for each in given)
     if not isinstance(given, (bytes, bytearray, memoryview)):

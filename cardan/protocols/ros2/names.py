@@ -26,7 +26,7 @@ def checked_name(name: str, node: str = "") -> str:
     full = full if full.startswith("/") else f"/{full}"
     if "__" in full or not all(map(_TOKEN.match, full[1:].split("/"))):
         raise RosNameError(
-            f"{name[:120]!r} is no ROS name: words of letters, digits and single _, which begin "
+            f"{name[:120]!r} is not a ROS name: words of letters, digits and single _, which begin "
             "with a letter or _, with / between them"
         )
     return full

@@ -82,11 +82,11 @@ def value_of(content: Any, present_type: int) -> Message:
     to `present_type`, the parameter's type now. Raises ValueError."""
     kind = _kind_of(content, present_type)
     if kind is ParameterKind.NOT_SET:
-        raise ValueError(f"{shown(content)} is no value of a parameter")
+        raise ValueError(f"{shown(content)} is not a value of a parameter")
     try:
         return completed(_VALUE, {"type": int(kind), _FIELDS[kind]: content})
     except MessageError as error:
-        raise ValueError(f"{shown(content)} is no value of a parameter: {error}") from None
+        raise ValueError(f"{shown(content)} is not a value of a parameter: {error}") from None
 
 
 def _kind_of(content: Any, present_type: int) -> ParameterKind:
@@ -141,7 +141,7 @@ class Declared:
                 f"{self.name}: allowed are {', '.join(self.choices)}, not {value!r:.60}"
             )
         if isinstance(value, float) and not math.isfinite(value):
-            raise ParameterError(f"{self.name}: {value} is no finite number")
+            raise ParameterError(f"{self.name}: {value} is not a finite number")
         if self.lowest is not None and not isinstance(value, str):
             highest = math.inf if self.highest is None else self.highest
             if not self.lowest <= value <= highest:

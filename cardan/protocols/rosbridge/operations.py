@@ -196,7 +196,7 @@ def parse_operation(text: str) -> Operation | RefusedOperation:
     try:
         given = json.loads(text, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
-        return RefusedOperation(f"this is no JSON: {error}; it begins with {shown(text[:40])}")
+        return RefusedOperation(f"this is not JSON: {error}; it begins with {shown(text[:40])}")
     if not isinstance(given, dict):
         return RefusedOperation(f"an operation is a JSON object, not {shown(given)}")
     op = given.get("op")

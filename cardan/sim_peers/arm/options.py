@@ -146,7 +146,7 @@ class SimulatedArmOptions(Options):
     robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
     """Argument of :func:`cardan.robots.load_arm`."""
     plant: PlantOptions = field(default_factory=PlantOptions)
-    host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where it takes commands")
+    host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Address at which it takes commands")
     port: Annotated[int, bounds.ANY_PORT] = 6520
     """UDP."""
     period_s: Annotated[float, PERIOD_S] = option(0.002, "A state is sent this often.")

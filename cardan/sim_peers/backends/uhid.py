@@ -215,7 +215,7 @@ class UhidDevice:
                 errno.ENODEV: "load the kernel's module: `modprobe uhid` as root",
                 errno.EACCES: "run this as root, or give yourself the right to write to it",
                 errno.EPERM: "run this as root, or give yourself the right to write to it",
-            }.get(error.errno or 0, "is this Linux with uhid?")
+            }.get(error.errno or 0, "is this a Linux kernel with uhid?")
             raise DeviceAccessError(
                 f"cannot open {self._path}: {error.strerror or error}; {hint}"
             ) from None

@@ -92,7 +92,7 @@ class EgmControllerOptions(Options):
     seed: int = 0
     joints_deg: tuple[float, ...] = option(
         (0.0, 0.0, 0.0, 0.0, 30.0, 0.0),
-        "Where the arm stands at first, deg.",
+        "Initial joint positions, deg.",
         metavar="J1,...,J6",
         read=lambda text: numbers(text, AXES),
     )
@@ -165,7 +165,7 @@ class EgmControllerOptions(Options):
         read=ContactSurface.read,
     )
     """Surface that the TCP can touch; its force is in measuredForce."""
-    force_frame: Literal["tool", "base"] = option("tool", "Whose axes the measured force is along.")
+    force_frame: Literal["tool", "base"] = option("tool", "Frame of the measured force.")
     """Frame of contact forces; ABB's manual does not say."""
     force_sense: Literal["exerted", "reaction"] = option(
         "exerted", "Force of the tool on the world, or its reaction."

@@ -307,7 +307,7 @@ _VERBS: Mapping[str, _Verb] = {
     "loop": _Verb("on|off (run EGM again when a run ends)", _switch),
     "on-error": _Verb(
         "stop|retry|restart [SECONDS] (after an error: nothing; an error handler tries again; an "
-        "operator starts it anew)",
+        "operator restarts it)",
         _on_error,
     ),
     "restart": _Verb("(program pointer to main, start)"),

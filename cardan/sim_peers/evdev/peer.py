@@ -87,7 +87,7 @@ class GamepadPeerOptions(EvdevPeerOptions):
 
     model: str = option(
         "",
-        "Which pad; see --list-models.",
+        "Gamepad model; see --list-models.",
         metavar="NAME",
         listed=[(model.key, model.name) for model in MODELS if model.is_gamepad],
     )

@@ -45,7 +45,7 @@ class ConsolePage:
             )
         except (InvalidURI, ValueError) as error:
             raise AddressError(
-                f"--console: {url} is none; such as ws://127.0.0.1:8443 ({error})"
+                f"--console: {url} is not a WebSocket URL such as ws://127.0.0.1:8443 ({error})"
             ) from None
         except (OSError, InvalidHandshake, TimeoutError) as error:
             raise DriverError(f"cannot be a page of {url}: {error}") from None

@@ -23,7 +23,7 @@ RATE_HZ = Range(10.0, 1000.0, "Hz", "the simulation of the arm is no faster")
 FAULTS: tuple[FaultSwitch, ...] = (
     *LINK_FAULTS,
     FaultSwitch("silence", "no joint states for this long every 5 s, s", 0.3),
-    FaultSwitch.at("restart", "the nodes end, and are there anew 1 s later,"),
+    FaultSwitch.at("restart", "the nodes stop and return after 1 s,"),
     FaultSwitch.at("stale", "joint states repeat themselves, stamp and all, from"),
     FaultSwitch.share("nan", "share of joint states with a position that is no number"),
     FaultSwitch.share("absurd", "share of joint states with a position of 1e9 rad"),

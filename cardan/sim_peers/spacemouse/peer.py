@@ -72,7 +72,7 @@ class SpaceMousePeerOptions(PuckPeerOptions):
 
     model: str = option(
         "spacenavigator",
-        "Which device; see --list-models.",
+        "Device model; see --list-models.",
         metavar="NAME",
         listed=[
             (model.key, f"{model.vendor_id:04x}:{model.product_id:04x}  {model.name}")

@@ -306,7 +306,7 @@ def test_a_target_is_a_router_and_an_action(target, states):
 
 @pytest.mark.matrix
 def test_a_target_whose_action_is_no_name_is_an_error():
-    with pytest.raises(ConfigurationError, match=r"--target.*'a b' is no ROS name"):
+    with pytest.raises(ConfigurationError, match=r"--target.*'a b' is not a ROS name"):
         SUITE.wires("tcp/127.0.0.1:7447,a b")
 
 

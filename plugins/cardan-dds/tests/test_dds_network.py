@@ -204,11 +204,11 @@ def test_a_participant_that_leaves_is_reported(pair):
 
 def test_names_and_types_that_are_none_are_refused(pair):
     talker, _ = pair
-    with pytest.raises(NetworkError, match="is no ROS name"):
+    with pytest.raises(NetworkError, match="is not a ROS name"):
         talker.advertise("/a b", STRING, latched=False)
-    with pytest.raises(NetworkError, match="is no type"):
+    with pytest.raises(NetworkError, match="is not a type"):
         talker.advertise("/a", "String", latched=False)
-    with pytest.raises(NetworkError, match="is no type"):
+    with pytest.raises(NetworkError, match="is not a type"):
         talker.serve("/a", "Trigger!", lambda _request, _answer: None)
     with pytest.raises(NetworkError, match="not open"):
         network("closed").advertise("/a", STRING, latched=False)

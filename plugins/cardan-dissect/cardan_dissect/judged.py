@@ -125,7 +125,7 @@ class Captured(WireTimeline):
         try:
             found = super().verdict(requirement, decoded)
         except UnaskedError:
-            return not_applicable("nobody asked for it in this capture")
+            return not_applicable("no client requested it in this capture")
         if found.outcome is VerdictOutcome.PASSED and self.lacks:
             return found._replace(said=f"{found.said}, in what the capture has")
         if found.outcome is not VerdictOutcome.FAILED:

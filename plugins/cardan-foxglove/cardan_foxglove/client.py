@@ -520,7 +520,7 @@ class FoxgloveConnection:
         """Call a service; runs in a thread of the SDK that may wait. The SDK reports exceptions."""
         if request.client_id != self._id:
             self._mailbox.put(self._intruded)
-            raise CallError("come in by the front")
+            raise CallError("connect by the server's own address")
         if self._gone:
             raise CallError("the client has left")
         waiting = self._call(name, type_name, request.payload, request.call_id)
@@ -653,7 +653,7 @@ class FoxgloveConnection:
     def _intruded(self) -> None:
         if not self._gone:
             self._counts["denied"] += 1
-            self._start(self._close("somebody came in who did not come by the front"))
+            self._start(self._close("a client connected past the server's own address"))
 
     # -- the end ---------------------------------------------------------------------------------
 

@@ -242,6 +242,6 @@ def given_value(given: Given, present_type: int) -> Message:
         try:
             content = base64.b64decode(content, validate=True)
         except (binascii.Error, TypeError, ValueError):
-            raise ValueError(f"{shown(content)} is no base64, as a byte_array is") from None
+            raise ValueError(f"{shown(content)} is not base64, as a byte_array is") from None
     kinds = {_FLOAT64: ParameterKind.DOUBLE, _FLOAT64_ARRAY: ParameterKind.DOUBLE_ARRAY}
     return value_of(content, kinds.get(given.type, present_type))

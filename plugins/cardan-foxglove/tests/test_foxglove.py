@@ -380,8 +380,8 @@ def test_parameters_are_set_and_what_they_are_then_is_answered(parameters, clien
     ("parameter", "words"),
     [
         ({"name": "/arm.fixed", "value": False}, "/arm.fixed: it is fixed"),
-        ({"name": "/arm.raw", "value": "?", "type": "byte_array"}, "no base64"),
-        ({"name": "/arm.gains", "value": {"a": 1}}, "no value of a parameter"),
+        ({"name": "/arm.raw", "value": "?", "type": "byte_array"}, "not base64"),
+        ({"name": "/arm.gains", "value": {"a": 1}}, "not a value of a parameter"),
         ({"name": "/nobody.x", "value": 1}, "there is no node /nobody with parameters"),
         ({"name": "speed", "value": 1}, "names no parameter"),
     ],

@@ -605,7 +605,7 @@ def test_ports_that_are_none(tmp_path):
     with pytest.raises(DeviceNotFoundError, match=r"no serial port at .*nothing"):
         SpaceMouseSerial(SpaceMouseSerialOptions(path=path)).open()
     (tmp_path / "nothing").touch()
-    with pytest.raises(DeviceAccessError, match=r"cannot open .*it is no serial port"):
+    with pytest.raises(DeviceAccessError, match=r"cannot open .*it is not a serial port"):
         SpaceMouseSerial(SpaceMouseSerialOptions(path=path)).open()
 
 
@@ -614,7 +614,7 @@ def test_ports_that_are_none(tmp_path):
     [
         (errno.EACCES, "no permission: add yourself"),
         (errno.EBUSY, "another program has it open"),
-        (errno.EIO, "there is nothing at that port"),
+        (errno.EIO, "no device is at that port"),
         (errno.EDOM, "Numerical argument"),
     ],
 )
@@ -640,7 +640,7 @@ def test_a_port_that_hangs_up_while_it_is_opened(monkeypatch, number):
         raise refusals[0]
 
     monkeypatch.setattr(termios, "tcflush", flush)
-    words = {errno.EIO: "there is nothing at that port", errno.EACCES: "no permission"}[number]
+    words = {errno.EIO: "no device is at that port", errno.EACCES: "no permission"}[number]
     with pytest.raises(DeviceAccessError, match=words):
         SpaceMouseSerial(SpaceMouseSerialOptions(path=os.ttyname(slave))).open()
     os.close(master)

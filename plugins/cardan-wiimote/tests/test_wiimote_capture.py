@@ -101,7 +101,7 @@ def test_a_capture_of_a_remote_is_judged_as_the_run_was(fault, tmp_path):
     found, _ = captured(suite, path)
     compared = 0
     for of_run, each in zip(report.results, found.results, strict=True):
-        unasked = each.said == "nobody asked for it in this capture"
+        unasked = each.said == "no client requested it in this capture"
         if of_run.level <= Level.HOLD and not unasked:
             assert each.outcome is of_run.outcome, (of_run, each)
             compared += 1

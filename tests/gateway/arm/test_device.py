@@ -285,7 +285,7 @@ LONG = "x" * 100
 CUT = f"'{'x' * 63}…"
 NO_ACTION = "act: allowed are accg (close), acog (open), acsg (stop), not"
 NO_NAME = "takes a name of 1 to 64 characters, not"
-NO_SEQUENCE = "is no integer from 0 to 9007199254740992"
+NO_SEQUENCE = "is not an integer from 0 to 9007199254740992"
 
 REFUSED = [
     ("inv", ([1.0, 2.0],), "inv takes six numbers, not 2"),

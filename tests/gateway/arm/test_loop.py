@@ -195,12 +195,12 @@ def test_any_kind_of_number_is_one(number):
         (
             "cycles",
             lambda: iter([SILENT._replace(stamp_s=math.nan)]),
-            "cycles() gave the stamp_s nan, which is no finite number",
+            "cycles() gave the stamp_s nan, which is not a finite number",
         ),
         (
             "cycles",
             lambda: iter([SILENT._replace(period_s=math.inf)]),
-            "cycles() gave the period_s inf, which is no finite number",
+            "cycles() gave the period_s inf, which is not a finite number",
         ),
         ("cycles", lambda: sys.exit(3), "SystemExit: 3"),
         ("send", lambda _command: sys.exit(), "SystemExit"),

@@ -37,15 +37,17 @@ class Heard:
 def test_nothing_is_known_before_the_first_state_and_after_the_last():
     heard = Heard()
     assert heard.fault == (
-        "nothing was heard of the neighbor right yet: start what publishes its joint states on "
-        "/right/joint_states"
+        "nothing was received from the neighbor right yet: start what publishes its joint states "
+        "on /right/joint_states"
     )
     heard.say()
     assert not heard.fault
     heard.now_s += 0.13
     assert not heard.fault
     heard.now_s += 0.02
-    assert heard.fault.startswith("where the neighbor right is was last known 0.2 s ago: start")
+    assert heard.fault.startswith(
+        "the position of the neighbor right was last known 0.2 s ago: start"
+    )
     assert not heard.say().fault
 
 
@@ -90,7 +92,7 @@ def test_what_is_wrong_is_counted_and_refreshes_nothing(reason):
         if reason == "joint states with the stamp of earlier ones":
             break
     if reason != "joint states with the stamp of earlier ones":
-        assert f"on /right/joint_states come {reason}" in heard.fault
+        assert f": /right/joint_states has {reason}" in heard.fault
 
 
 def test_a_speed_at_the_limit_is_taken():
@@ -103,7 +105,7 @@ def test_joints_that_are_missing_are_named_and_counted_as_one():
     for missing in range(3):
         heard.say(names=tuple("x" if i == missing else each for i, each in enumerate(NAMES)))
     assert heard.watch.refused == {"joint states without some of its joints": 3}
-    assert heard.fault.endswith(f"come joint states without some of its joints: {NAMES[2]}")
+    assert heard.fault.endswith(f"has joint states without some of its joints: {NAMES[2]}")
 
 
 def test_of_two_publishers_nobody_knows_which_is_the_neighbor():
@@ -111,7 +113,9 @@ def test_of_two_publishers_nobody_knows_which_is_the_neighbor():
     heard.say(joints=[0.3 + each for each in HOME], sender=b"two")
     assert heard.watch.joints == HOME
     for _ in range(30):
-        assert heard.fault.startswith("two publish joint states of the neighbor right on /right/")
+        assert heard.fault.startswith(
+            "two nodes publish joint states of the neighbor right on /right/"
+        )
         assert not math.isinf(heard.watch.speeds_m_s.max())
         heard.say(sender=b"one").say(sender=b"two")
     assert heard.watch.refused == {"joint states of a second publisher": 31}

@@ -59,7 +59,7 @@ def passed(*commands, dt_s=DT_S):
     return check
 
 
-# -- values that are no numbers ------------------------------------------------------------------
+# -- values that are not numbers ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])

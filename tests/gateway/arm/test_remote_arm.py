@@ -144,5 +144,5 @@ def test_packets_that_are_no_answers_are_somebody_elses():
     with reported(lambda _asked: []) as arm:
         assert arm.take(encode_reply(7, None)) is True
         assert arm.take(b'{"elapsed_s": 1.0}') is False
-        with pytest.raises(PacketError, match="no JSON"):
+        with pytest.raises(PacketError, match="not JSON"):
             arm.take(b'{"reply": ')

@@ -213,7 +213,7 @@ def test_streams_keep_to_the_workspace():
 
 def test_sequence_numbers_and_stamps_have_to_be_some():
     world = streaming("twst")
-    assert "no integer from 0" in world.verbs.stream("twist", [0.0] * 6, sequence="a")
+    assert "not an integer from 0" in world.verbs.stream("twist", [0.0] * 6, sequence="a")
     assert "not a time" in world.verbs.stream("twist", [0.0] * 6, stamp_s=math.nan)
     assert world.verbs.stream("twist", [0.0] * 6, sequence=1, stamp_s=1.0) == ""
 

@@ -47,7 +47,7 @@ def test_an_address_is_an_endpoint_a_name_or_both(address, endpoint, name):
 def test_an_address_that_is_none_is_refused(address):
     with pytest.raises(OptionError, match=f"address: {re.escape(repr(address))}") as error:
         network_arm(address)
-    assert "no ROS name" in str(error.value)
+    assert "not a ROS name" in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -36,16 +36,16 @@ def test_answers_come_back(kind):
 @pytest.mark.parametrize(
     ("line", "words", "request_id"),
     [
-        (b"", "no JSON", None),
-        (b"[]", "no object", None),
-        (b'{"do":"units"}', "no whole number", None),
-        (b'{"id":true,"do":"units"}', "no whole number", None),
-        (b'{"id":-1,"do":"units"}', "no whole number", None),
+        (b"", "not JSON", None),
+        (b"[]", "not an object", None),
+        (b'{"do":"units"}', "not a whole number", None),
+        (b'{"id":true,"do":"units"}', "not a whole number", None),
+        (b'{"id":-1,"do":"units"}', "not a whole number", None),
         (b'{"id":3,"do":"fly"}', "there is no 'fly'; allowed: units", 3),
         (b'{"id":3,"do":["units"]}', "there is no", 3),
         (b'{"id":3,"do":"stop","name":1}', "no text", 3),
         (b'{"id":3,"do":"stop","nmae":"x"}', "there is no key 'nmae'", 3),
-        (b"[" * 100_000, "no JSON", None),
+        (b"[" * 100_000, "not JSON", None),
     ],
 )
 def test_what_is_no_request(line, words, request_id):

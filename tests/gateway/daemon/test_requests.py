@@ -69,11 +69,11 @@ def test_a_connection_has_only_so_many_requests_that_go_on(tmp_path):
         value = None if do == "watch" else True
         assert getattr(daemon, f"_do_{do}")(Ask(number, do, "", value), asker) is None
     for do, number in (("watch", 99), ("log", 98), ("events", 97)):
-        with pytest.raises(ControlError, match="16 go on for this connection already"):
+        with pytest.raises(ControlError, match="this connection has 16 requests already"):
             getattr(daemon, f"_do_{do}")(Ask(number, do, "", do != "watch" or None), asker)
     other = Asker()
     daemon._do_watch(Ask(0, "watch"), other)
-    with pytest.raises(ControlError, match="one of id 0 goes on"):
+    with pytest.raises(ControlError, match="has a request of id 0"):
         daemon._do_watch(Ask(0, "watch"), other)
     for call in asker.gone:
         call()

@@ -66,7 +66,7 @@ def test_a_force_is_read_along_the_axes_of_the_base():
     source.publish(state, None, TURNED, 1.0)
     assert source.read(state, None) is None
     assert source.diagnosis() == (
-        "no measured force: nobody has published a feedback for the hand",
+        "no measured force: no node has published a feedback for the hand",
     )
     source.feedback.give(1, 1, FORCE, 1.0)
     reading = source.read(state, None)

@@ -171,7 +171,7 @@ def by_openssl(names: Sequence[str], _now: datetime.datetime) -> tuple[bytes, by
     try:
         done = subprocess.run(command, capture_output=True, timeout=OPENSSL_S, check=False)
     except subprocess.TimeoutExpired:
-        raise OSError("openssl does not come to an end") from None
+        raise OSError("openssl does not finish") from None
     except FileNotFoundError:
         raise OSError("there is no program openssl") from None
     text = done.stdout

@@ -510,9 +510,9 @@ class PageOperator:
     def _order(self, table: Mapping[str, Any], identity: str | int | None) -> None:
         """Carry out an order by the daemon."""
         if self._role < Role.OPERATOR:
-            raise RefusedError("a viewer orders nothing: connect with the token of an operator")
+            raise RefusedError("a viewer may not command: connect with the token of an operator")
         if self._orders:
-            raise RefusedError("the order before is not carried out yet")
+            raise RefusedError("wait: the previous command has not finished")
         try:
             words = words_of(table.get("do"), table.get("name"))
         except OrderError as error:
@@ -538,9 +538,9 @@ class PageOperator:
         if do not in ("list", "start", "stop"):
             raise RefusedError(f"do is {shown(do)}; allowed: list, start, stop")
         if self._role < Role.OPERATOR:
-            raise RefusedError("a viewer starts nothing: connect with the token of an operator")
+            raise RefusedError("a viewer may not start it: connect with the token of an operator")
         if self._orders:
-            raise RefusedError("the order before is not carried out yet")
+            raise RefusedError("wait: the previous command has not finished")
         self._begin(self._do_demo(do, table.get("name"), identity))
 
     async def _do_demo(self, do: str, name: object, identity: str | int | None) -> None:
@@ -570,9 +570,9 @@ class PageOperator:
         if do not in ("record", "finish"):
             raise RefusedError(f"do is {shown(do)}; allowed: list, record, finish")
         if self._role < Role.OPERATOR:
-            raise RefusedError("a viewer records nothing: connect with the token of an operator")
+            raise RefusedError("a viewer may not record: connect with the token of an operator")
         if self._orders:
-            raise RefusedError("the order before is not carried out yet")
+            raise RefusedError("wait: the previous command has not finished")
         action = records.record if do == "record" else records.finish
         self._begin(self._record(action, records, identity))
 
@@ -730,7 +730,7 @@ class PageOperator:
         return int(self._loop.time() * 1e6)
 
 
-_VIEWER: Final = "a viewer moves nothing: connect with the token of an operator"
+_VIEWER: Final = "a viewer may not move an arm: connect with the token of an operator"
 
 _TARGETS: Final[Mapping[str, Callable[[PageOperator, int, str], Channel]]] = {
     "arm": PageOperator._arm_channel,

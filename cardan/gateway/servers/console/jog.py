@@ -197,7 +197,7 @@ class ArmJog:
         answer = await self._caller.start(service, ASK_TYPE, data, timeout_s)
         reply = decode_answer(answer["reply"].encode())
         if not isinstance(reply, Reply) or reply.id != number:
-            raise PacketError(f"{verb}: the arm's answer is none")
+            raise PacketError(f"{verb}: the arm's reply is invalid")
         if reply.error is not None:
             raise reply.error
         return reply.result

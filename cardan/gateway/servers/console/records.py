@@ -129,7 +129,7 @@ class Records:
             await asyncio.wait_for(self._began.wait(), BEGINS_WITHIN_S)
         except asyncio.TimeoutError:
             await self.close()
-            raise RecordsError("the recorder does not begin") from None
+            raise RecordsError("the recorder does not start") from None
         if self._recorder is None:
             raise RecordsError(self._ended or "the recorder has ended at once")
 

@@ -71,7 +71,7 @@ def decode_state(data: bytes) -> RailState | str:
     if condition not in tuple(Condition):
         return f"there is no condition {condition}"
     if not all(map(math.isfinite, (x, y, z))):
-        return "positions that are no numbers"
+        return "positions that are not numbers"
     return RailState(session, sequence, Condition(condition), (x, y, z))
 
 
@@ -87,5 +87,5 @@ def decode_command(data: bytes) -> RailCommand | str:
     if magic != _COMMAND_MAGIC:
         return "not a command to the rail"
     if not all(map(math.isfinite, (x, y, z))):
-        return "positions that are no numbers"
+        return "positions that are not numbers"
     return RailCommand(session, sequence, (x, y, z) if follow else None)

@@ -156,7 +156,7 @@ class RailPeerOptions:
 
     host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1",
-        "Where it takes commands; port 0: any.",
+        "Address at which it takes commands; port 0: any.",
         name="listen",
         metavar="HOST:PORT",
         port_field="port",

@@ -22,7 +22,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.flag("too-few", "takes goals of some joints"),
     FaultSwitch.flag("unequal", "takes points that lack a position"),
     FaultSwitch.flag("same-time", "takes times that do not increase"),
-    FaultSwitch.flag("nan", "takes positions that are no numbers as where the arm is"),
+    FaultSwitch.flag("nan", "takes positions that are not numbers as where the arm is"),
     FaultSwitch.flag("no-cancel", "rejects cancellations"),
     FaultSwitch.flag("aborts", "goals that are canceled end as ABORTED"),
     FaultSwitch.flag("coasts", "goals that are canceled move the arm on"),

@@ -64,7 +64,7 @@ class Jr3Scenario(Scenario):
     def script(self) -> Script:
         yield open_("")
         yield mark("listen")
-        yield ask("rest", "Power the board anew, and leave the sensor alone.")
+        yield ask("rest", "Switch the board's power off and on, and leave the sensor alone.")
         yield Pause(max(BOOT_S, self._seconds), lambda: self._booted)
         yield Pause(0.1)
         if self._level < Level.HOLD:

@@ -187,7 +187,7 @@ class Jr3Core(DeviceCore):
     """
 
     _counters: ClassVar[Mapping[str, str]] = {
-        "boots": "times the board came up anew",
+        "boots": "boots of the sensor's board",
         "timeouts": "requests without an answer",
         "refusals": "requests answered with an error",
         "unexpected_acks": "acknowledgments that were not expected",

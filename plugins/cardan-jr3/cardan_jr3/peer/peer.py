@@ -32,11 +32,11 @@ class Jr3PeerOptions(DevicePeerOptions):
     board's first command to acquire."""
 
     interface: Annotated[str, CAN_NAME] = option(
-        "udp_multicast", "The way to the bus, as python-can calls it.", metavar="NAME"
+        "udp_multicast", "Interface of the bus, by python-can's name.", metavar="NAME"
     )
     channel: Annotated[str, CAN_NAME] = option(
         UDP_MULTICAST_GROUP,
-        "The bus; that of udp_multicast is its group.",
+        "The bus; for udp_multicast the multicast group.",
         metavar="NAME",
     )
     serve_socketcand: bool = option(False, "Serve a bus of its own, by socketcand's protocol.")
@@ -45,7 +45,7 @@ class Jr3PeerOptions(DevicePeerOptions):
         "127.0.0.1", "Address of socketcand, served or joined.", metavar="HOST"
     )
     port: Annotated[int, bounds.ANY_PORT] | None = option(
-        None, "Port of udp_multicast or socketcand; default: theirs.", metavar="PORT"
+        None, "Port of udp_multicast or socketcand; default: the usual one.", metavar="PORT"
     )
     """Port of the interface; default 43113 for udp_multicast, 29536 for socketcand; for a served
     bus 0 is any free port."""
@@ -55,7 +55,7 @@ class Jr3PeerOptions(DevicePeerOptions):
     """Bit rate of a bus by hardware other than socketcan."""
     sensor: str = option(
         "right-hand",
-        "Whose full scales; see --list-sensors.",
+        "Sensor, with its full scales; see --list-sensors.",
         metavar="NAME",
         listed=[(name, f"node {TEO_NODE_IDS[name]}") for name in TEO_SENSORS],
     )
@@ -63,7 +63,9 @@ class Jr3PeerOptions(DevicePeerOptions):
     node_id: Annotated[int, NODE_ID] = option(
         0, "Node id; 0: that of the sensor on TEO.", name="node", metavar="ID"
     )
-    boot_s: Annotated[float, bounds.NOT_NEGATIVE] = option(2.0, "From power to its first message.")
+    boot_s: Annotated[float, bounds.NOT_NEGATIVE] = option(
+        2.0, "Time from power-on to its first message."
+    )
     """Time from power-on to BOOTUP, the board's first message."""
     offset: Six = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
     """Reading before the sensor is zeroed: its own offset and the load mounted on it."""

@@ -40,7 +40,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
     "resume": "resume (frames go on)",
     "steal-focus": "steal-focus (another program takes the focus)",
     "restart": (
-        "restart [SECONDS] (the service is gone for this time (1), then counts everything anew)"
+        "restart [SECONDS] (the service is gone for this time (1), then all counters restart)"
     ),
     "malformed": "malformed [FRAMES] (this number of frames (1) is cut short)",
     "loop": "loop",

@@ -132,7 +132,7 @@ _OPTION_KEYS: Mapping[str, str] = {
 
 NOT_TEXT = "that are not UTF-8"
 NOT_JSON = "that are not JSON"
-NO_OBJECT = "that are no JSON object"
+NO_OBJECT = "that are not a JSON object"
 BAD_VERSION = "with a version that is no number"
 BAD_EVENT = "with an event that cannot be read"
 BAD_HANDS = "with hands that are no list"

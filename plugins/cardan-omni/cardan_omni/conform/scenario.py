@@ -138,7 +138,7 @@ class HdapiScenario(Scenario):
         yield Pause(SETTLE_S)
         for name, how, bits in (
             ("press", "Press the stylus' front button.", 1),
-            ("release", "Let the button go.", 0),
+            ("release", "Release the button.", 0),
         ):
             yield mark(name)
             yield ask(name, how)

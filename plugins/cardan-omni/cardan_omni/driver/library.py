@@ -161,7 +161,7 @@ def error_words(code: int, internal: int = 0) -> str:
     if code == Error.COMM_ERROR and internal == -28:
         text += (
             " over Ethernet: give the port a link-local address (169.254.x.x), take firewalls "
-            "away, and pair the device anew in the vendor's setup tool"
+            "away, and pair the device again in the vendor's setup tool"
         )
     return f"{text} ({number})"
 

@@ -32,7 +32,7 @@ def library_path() -> Path:
     if not path.exists():
         raise DeviceNotFoundError(
             f"the simulated libHD ({path}) was not compiled: install a C compiler (Debian: "
-            "apt-get install gcc libc6-dev) and install cardan-omni anew, or run tools/native in "
+            "apt-get install gcc libc6-dev) and reinstall cardan-omni, or run tools/native in "
             "its sources"
         )
     return path

@@ -188,7 +188,7 @@ class OmniSettings(Options):
     seed: Annotated[int, SEED] = 0
     rate_hz: Annotated[int, RATE_HZ] = 1000
     cold: bool = option(False, "It needs the inkwell before it knows where it is.")
-    model: str = option("omni", "Which of the two it says it is.", metavar="|".join(MODELS))
+    model: str = option("omni", "Model that the device reports.", metavar="|".join(MODELS))
     serial: str = "60907300123"
     device: str = ""
     """Name for hdInitDevice in addition to the default ones."""
@@ -211,7 +211,7 @@ class OmniSettings(Options):
     motion: HandMotion = STILL
     faults: tuple[OmniFault, ...] = option(
         (),
-        "A fault to have (repeatable), from so many s on; see --list-faults.",
+        "A fault to simulate (repeatable), from this time on; see --list-faults.",
         name="fault",
         metavar="NAME[=VALUE][@SECONDS]",
         read=parse_omni_fault,

@@ -11,7 +11,7 @@ from cardan_serial_mice.protocol import SerialModel
 SERIAL_FAULTS = (
     FaultSwitch("unplug", "the port vanishes at VALUE s, whatever the device is doing", 3.0),
     FaultSwitch("replug", "the port that vanished is back at VALUE s", 4.0, after="unplug"),
-    FaultSwitch("power-loss", "at VALUE s the device starts anew, with its port open", 3.0),
+    FaultSwitch("power-loss", "at VALUE s the device restarts, with its port open", 3.0),
     FaultSwitch("silence", "nothing more comes after the first deflection past VALUE s", 3.0),
     FaultSwitch("mute", "never sends anything: a dead line, or the wrong baud rate"),
     FaultSwitch("deaf", "hears nothing that the host sends"),

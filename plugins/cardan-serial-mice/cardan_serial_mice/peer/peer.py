@@ -29,7 +29,7 @@ class SerialPuckPeerOptions(PuckPeerOptions):
 
     model: str = option(
         "magellan",
-        "Which device; see --list-models.",
+        "Device model; see --list-models.",
         metavar="NAME",
         listed=[(model.key, model.name) for model in SERIAL_MODELS],
     )

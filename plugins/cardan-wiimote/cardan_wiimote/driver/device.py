@@ -218,7 +218,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
         wanted = such(options, "path", "address")
         return (
             f"no Wii Remote{wanted} is connected: pair it once (red sync button), then press one "
-            "of its buttons; `cardan devices` lists what there is"
+            "of its buttons; `cardan devices` lists the devices found"
         )
 
 

@@ -93,7 +93,7 @@ def test_an_arm_that_runs_away_is_caught():
 
 
 def test_an_arm_that_runs_away_without_telling_its_speed_is_caught_all_the_same():
-    """Speeds that are no numbers are worked out from the positions, and never commanded."""
+    """Speeds that are not numbers are worked out from the positions, and never commanded."""
     world = World("ur5")
     motion = world.verbs.gcmp()
     world.tick()

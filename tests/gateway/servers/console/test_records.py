@@ -159,7 +159,7 @@ def test_no_other_file_can_be_asked_for(tmp_path, record, page, name):
 def test_a_file_that_is_no_record_is_reported_in_words(tmp_path, record, page):
     (tmp_path / "records" / "bad.mcap").write_bytes(b"nothing")
     page.ask("cardan.replay", do="open", name="bad.mcap")
-    assert "is no MCAP file" in page.next("cardan.replay")["over"]
+    assert "is not an MCAP file" in page.next("cardan.replay")["over"]
 
 
 def test_records_that_are_shown_are_bounded(running, record, page, monkeypatch):

@@ -155,7 +155,7 @@ def test_a_session_runs_with_its_console(tmp_path):
     ("words", "why"),
     [
         (["--console"], "--console: .* has no table .network."),
-        (["--console-host", "0.0.0.0"], "--console-host: is where --console serves: give both"),
+        (["--console-host", "0.0.0.0"], "--console-host: is the address of --console: give both"),
     ],
 )
 def test_what_a_session_cannot_show_is_refused(tmp_path, words, why):
