@@ -420,7 +420,11 @@ def test_an_arm_that_fell_silent_long_ago_is_sent_nothing(monkeypatch, silence_s
         robot.send(SPEED)
         assert next(states).link is RobotLink.LOST
         line.said.clear()
+        robot.send(SPEED)
+        assert line.said == []
         states.close()
+        assert line.said == [ControlMode.HOLD] * reported
+        robot.send(SPEED)
         assert line.said == [ControlMode.HOLD] * reported
 
 

@@ -139,14 +139,17 @@ def test_a_session_is_that_in_python_to_the_last_bit(monkeypatch, seed):
     # Which of the two is asked decides whether there is a compiled part.
     turn = []
     monkeypatch.setattr(compiled, "ur_library", lambda: library if not turn else missing())
-    received = plain.received
 
-    def received_plain(*given):
-        turn.append(1)
-        received(*given)
-        turn.clear()
+    def without_library(method):
+        def call(*given):
+            turn.append(1)
+            method(*given)
+            turn.clear()
 
-    plain.received = received_plain
+        return call
+
+    plain.received = without_library(plain.received)
+    plain.advance = without_library(plain.advance)
     taken, ends = Counter(), set()
     for _ in range(2500):
         if bench.session.phase == "idle":
