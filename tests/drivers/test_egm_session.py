@@ -404,7 +404,6 @@ class TestSequence:
         state = bench.hear()
         assert state is not None
         assert (state.session, state.hold_reason) == (2, FIRST_ANSWER)
-        assert bench.session.handover is None  # It has no other port to take leave from.
         answer = bench.session.reply(joint_target(2.0), bench.now_s)
         assert joints_in(answer) == pytest.approx(HOME)
         assert "sequence number" in " ".join(bench.session.diagnosis(bench.now_s))

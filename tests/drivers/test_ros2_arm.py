@@ -409,6 +409,7 @@ def test_silence_is_reported_in_words():
     assert ours.advice in ours.diagnosis(0.0)[0]
     assert ours.silence(0.0).joints == ()
     ours.receive(message(), 0.0)
+    assert ours.reply_pending
     assert ours.link(0.1) is RobotLink.LIVE
     assert ours.link(0.11) is RobotLink.LOST
     assert ours.silence(0.2).hold_reason
