@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.common.tables import read_table
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
+from cardan.drivers.abb_egm.options import SILENT_PERIODS
 from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import (
     EGM_ERROR,
@@ -431,13 +432,17 @@ class TestSequence:
     def test_silence_ends_the_session(self) -> None:
         bench = Bench().started()
         bench.cycle(joint_target(1.0))
+        heard = bench.hear()
+        assert heard is not None
         assert bench.session.tick(bench.now_s + 0.05) is None
+        assert bench.session.reply_pending
         lost = bench.session.tick(bench.now_s + 0.11)
         assert lost is not None
+        assert not bench.session.reply_pending
         assert (lost.link, lost.session, lost.joints) == (
             RobotLink.LOST,
             1,
-            pytest.approx(HOME),
+            heard.joints,
         )
         assert not lost.ready
         bench.now_s += 0.11
@@ -1439,6 +1444,11 @@ class TestOptions:
     def test_values_that_do_not_fit_together(self, options: dict[str, Any]) -> None:
         with pytest.raises(ValueError, match="must be"):
             AbbEgmOptions(**options)
+
+    def test_a_command_is_late_after_its_time_and_some_periods(self) -> None:
+        assert AbbEgmOptions(command_timeout_s=0.5).late_after_s == 0.5
+        slow = AbbEgmOptions(command_timeout_s=0.01, sample_rate_ms=48)
+        assert slow.late_after_s == SILENT_PERIODS * slow.period_s
 
     def test_a_configuration_file_can_be_checked_against_them(self) -> None:
         options = read_table(AbbEgmOptions, {"mode": "joint", "output_values": [1, 2]})

@@ -247,6 +247,9 @@ def test_triggers_that_are_buttons_move_all_the_same():
         EvdevState(frozenset(), dict.fromkeys(axes, 0)),
         0.0,
     )
+    feed(core, (1, c.BTN_TL2, 1))
+    assert "let go of the sticks and triggers" in core.state(0.0).reason
+    feed(core, (1, c.BTN_TL2, 0))
     tap(core)
     feed(core, (1, c.BTN_TL2, 1))
     assert core.state(0.0).axes == (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)

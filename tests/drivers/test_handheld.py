@@ -111,6 +111,7 @@ def test_buttons_have_edges():
 def test_a_phones_inertia_is_that_of_the_phone_as_it_lies():
     bench = Bench().live()
     assert bench.state.inertia.acceleration == pytest.approx((0, 0, 9.81), abs=0.01)
+    assert bench.state.inertia.rates == pytest.approx((0, 0, 0), abs=0.01)
     # Tipped up by 30°: the top edge feels some of it.
     bench.run(0.1, (0, 0, 0, 0, -1.0, 0))
     assert bench.state.inertia.acceleration.x == pytest.approx(9.81 * 0.5, abs=0.02)

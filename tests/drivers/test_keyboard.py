@@ -3,7 +3,7 @@
 import pytest
 
 from cardan.drivers.keyboard import KeyboardOptions
-from cardan.drivers.keyboard.core import MOTION_KEYS
+from cardan.drivers.keyboard.core import MOTION_KEYS, KeyboardCore
 from cardan.protocols.evdev.codes import KEYS
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, Bench
@@ -56,6 +56,7 @@ def test_other_keys_are_buttons():
     assert bench.press("space", "a", "f5").buttons == {"space", "f5"}
     assert "space" in bench.core.buttons
     assert "a" not in bench.core.buttons
+    assert {"space", "f5"} < set(KeyboardCore(KeyboardOptions()).buttons)  # Of no keyboard yet.
     bench.release("f5")
     edges = [(event.button, event.pressed) for event in bench.core.events()]
     assert edges == [("space", True), ("f5", True), ("f5", False)]

@@ -45,6 +45,15 @@ def test_a_command_that_took_the_gap_along_is_not():
     assert not lost.working
 
 
+def test_speeds_that_are_not_given_are_those_of_the_target():
+    lost = SlipCompensation(1)
+    lost.passed(0.06)
+    assert lost.follow(([0.1], None), [0.12], None, PERIOD_S, 0.05) == (
+        [0.12],
+        pytest.approx([0.4]),
+    )
+
+
 def test_a_robot_that_is_ahead_is_slowed_and_never_hurried():
     lost = after(0.06)
     rates = play(lost, (0.1, 0.0), 12.0)

@@ -342,8 +342,9 @@ def test_a_state_out_of_the_arms_reach_is_reported_and_not_commanded_from():
     for n in range(1, 100):
         ours.receive(message(sequence=n, stamp_s=5.0 + 0.01 * n), 0.01 * n)
         ours.command(JointCommand(HOME), 0.01 * n)
-    away = (HOME[0], HOME[1] + 1.0, *HOME[2:])
+    away, ours.reply_pending = (HOME[0], HOME[1] + 1.0, *HOME[2:]), False
     state = ours.receive(message(away, sequence=100, stamp_s=6.0), 1.0)
+    assert ours.reply_pending
     assert not state.ready
     assert state.joints == pytest.approx(HOME)
     assert state.hold_reason == (
@@ -407,10 +408,14 @@ def test_silence_is_reported_in_words():
     assert ours.diagnosis(0.0)[0].startswith(
         "nothing was received from the robot's joint state pub"
     )
+    assert ours.advice in ours.diagnosis(0.0)[0]
+    assert ours.silence(0.0).joints == ()
     ours.receive(message(), 0.0)
+    assert ours.reply_pending
     assert ours.link(0.1) is RobotLink.LIVE
     assert ours.link(0.11) is RobotLink.LOST
     assert ours.silence(0.2).hold_reason
+    assert ours.silence(0.2).joints == pytest.approx(HOME)
 
 
 def test_a_controller_that_is_not_there_is_reported():

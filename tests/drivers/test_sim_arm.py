@@ -410,6 +410,14 @@ class Line:
         pass
 
 
+def test_the_ends_of_the_range_and_any_port_are_taken():
+    limits = SimArm(SimArmOptions(robot=ROBOT)).capabilities.limits
+    with arm() as robot:
+        for goal, _ in zip((limits.lower, limits.upper), robot.cycles(), strict=False):
+            robot.send(JointCommand(goal))
+    assert SimArmOptions(robot=ROBOT, endpoint="127.0.0.1:65001").address == ("127.0.0.1", 65001)
+
+
 @pytest.mark.parametrize(("silence_s", "reported"), [(0.45, 1), (0.55, 0)])
 def test_an_arm_that_fell_silent_long_ago_is_sent_nothing(monkeypatch, silence_s, reported):
     line = Line(silence_s)
@@ -420,7 +428,11 @@ def test_an_arm_that_fell_silent_long_ago_is_sent_nothing(monkeypatch, silence_s
         robot.send(SPEED)
         assert next(states).link is RobotLink.LOST
         line.said.clear()
+        robot.send(SPEED)
+        assert line.said == []
         states.close()
+        assert line.said == [ControlMode.HOLD] * reported
+        robot.send(SPEED)
         assert line.said == [ControlMode.HOLD] * reported
 
 

@@ -140,16 +140,16 @@ def test_a_session_is_that_in_python_to_the_last_bit(monkeypatch, seed):
     turn = []
     monkeypatch.setattr(compiled, "ur_library", lambda: library if not turn else missing())
 
-    def without_compiled(method):
-        def called(*given):
+    def without_library(method):
+        def call(*given):
             turn.append(1)
             method(*given)
             turn.clear()
 
-        return called
+        return call
 
-    plain.received = without_compiled(plain.received)
-    plain.advance = without_compiled(plain.advance)
+    plain.received = without_library(plain.received)
+    plain.advance = without_library(plain.advance)
     taken, ends = Counter(), set()
     for _ in range(2500):
         if bench.session.phase == "idle":

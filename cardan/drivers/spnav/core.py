@@ -134,7 +134,6 @@ class SpnavCore(DeviceCore):
         self._output: list[bytes] = []
         self._version: int | None = None
         """Version in force; None during the handshake."""
-        self._handshake_until_s = NEVER_S
         self._to_ask: deque[tuple[int, tuple[int, ...]]] = deque()
         self._asked: int | None = None
         self._asked_s = NEVER_S
