@@ -272,7 +272,7 @@ def test_jumps(dt_s, way_m, angle_deg, jumps):
     before = PoseSample(5.0, IDENTITY, Vector3(0, 0, 0))
     now = PoseSample(5.0 + dt_s, about(X, angle_deg), Vector3(way_m, 0, 0))
     assert bool(jump(before, now)) is jumps
-    # Whatever the time between; a position that is not known is no other one.
+    # However long it took. An unknown position counts as the same.
     assert elsewhere(before, now) is (way_m > 0.05 or angle_deg > 35)
     assert elsewhere(before._replace(position=None), now) is (angle_deg > 35)
     assert elsewhere(before, now._replace(position=None)) is (angle_deg > 35)
