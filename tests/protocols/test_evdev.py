@@ -109,6 +109,7 @@ def test_no_bytes_raise(data):
 
 
 def test_what_does_not_fit_is_refused():
+    assert requests.decode_id(bytes(7)) == requests.InputId(0, 0, 0, 0)
     with pytest.raises(ValueError, match="cannot encode"):
         evdev_events.encode_events([InputEvent(0, 0, 0x10000, 0, 0)])
     with pytest.raises(ValueError, match="cannot encode"):

@@ -5,10 +5,11 @@ import json
 import math
 
 import pytest
-from hypothesis import assume, given, strategies as st
+from hypothesis import assume, example, given, strategies as st
 
 from cardan.protocols.handheld.frames import (
     BodyPart,
+    JogJoints,
     JogTwist,
     MalformedFrame,
     OperatorFrame,
@@ -17,7 +18,14 @@ from cardan.protocols.handheld.frames import (
     decode_frame,
     encode_frame,
 )
-from cardan.protocols.handheld.motion import Held, PoseSample, Yaw, drag_on_screen, jump
+from cardan.protocols.handheld.motion import (
+    Held,
+    PoseSample,
+    Yaw,
+    drag_on_screen,
+    elsewhere,
+    jump,
+)
 from cardan.protocols.handheld.orientation import (
     from_angles,
     heading_rad,
@@ -94,6 +102,7 @@ def test_a_frame_with_a_wrong_byte_is_refused_or_fine(frame, data):
 
 
 @given(st.sampled_from(list(FRAMES.values())), st.integers(0, 90))
+@example(OperatorFrame(JogJoints((0.5,)), True, True, True, 0, 0, 0), 16)
 def test_a_frame_that_is_cut_is_refused(frame, length):
     data = encode_frame(frame)
     assume(length < len(data))
@@ -176,6 +185,11 @@ def test_where_a_phone_points():
     assert heading_rad(IDENTITY) == pytest.approx(math.pi / 2)  # Flat: its top edge, y.
     assert heading_rad(from_angles(0, 90, 0)) == pytest.approx(math.pi / 2)  # Upright: its back.
     assert heading_rad(from_angles(90, 30, 0)) == pytest.approx(math.pi)
+    # A phone that lies on its side counts as upright from 60 degrees on.
+    assert heading_rad(from_angles(0, 55, 60)) == pytest.approx(math.pi / 2)
+    assert heading_rad(from_angles(0, 65, 60)) == pytest.approx(
+        math.atan2(0.5 * math.sin(math.radians(65)), -math.sin(math.radians(60)))
+    )
 
 
 @given(st.floats(-3, 3), st.floats(-80, 80))
@@ -214,6 +228,10 @@ def test_turning_in_webxr_is_turning_here(q, numbers):
     assert ours == pytest.approx(position_from_xr(rotate(q, v)), abs=1e-9)
     assert position_to_xr(position_from_xr(v)) == v
     assert orientation_to_xr(orientation_from_xr(q)) == q
+    # A browser's unit quaternion may be off by its rounding.
+    long = XrFrame(BodyPart.VIEWER, v, Quaternion(*(1.005 * each for each in q)), 0, 0, 0, 0, 0, 0)
+    frame = decode_frame(encode_frame(OperatorFrame(long, True, True, True, 0, 0, 0)))
+    assert frame.body.orientation == pytest.approx(q, abs=1e-6)
 
 
 def test_a_hand_that_points_along_the_robot_is_its_x_axis():
@@ -254,6 +272,10 @@ def test_jumps(dt_s, way_m, angle_deg, jumps):
     before = PoseSample(5.0, IDENTITY, Vector3(0, 0, 0))
     now = PoseSample(5.0 + dt_s, about(X, angle_deg), Vector3(way_m, 0, 0))
     assert bool(jump(before, now)) is jumps
+    # However long it took. An unknown position counts as the same.
+    assert elsewhere(before, now) is (way_m > 0.05 or angle_deg > 35)
+    assert elsewhere(before._replace(position=None), now) is (angle_deg > 35)
+    assert elsewhere(before, now._replace(position=None)) is (angle_deg > 35)
 
 
 # -- teleop ---------------------------------------------------------------------------------------

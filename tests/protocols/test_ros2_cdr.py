@@ -13,6 +13,7 @@ from cardan.protocols.ros2.interfaces import (
     INTEGERS,
     known_types,
     message_type,
+    parse_message,
 )
 from cardan.protocols.ros2.messages import completed, default_message
 from tests.examples import examples
@@ -332,6 +333,19 @@ def test_a_template_reaches_into_arrays_of_messages():
 def test_a_template_has_slots_of_numbers_only(path):
     with pytest.raises(KeyError, match="number"):
         Template(POSE, default_message(POSE)).slot(path)
+
+
+def test_a_slot_has_no_length_of_an_array_between_its_numbers():
+    name = "trajectory_msgs/msg/JointTrajectory"
+    point = {"positions": [0.5], "velocities": [0.5]}
+    template = Template(name, completed(name, {"points": [point]}))
+    with pytest.raises(KeyError, match="more than numbers"):
+        template.slot("points.0")
+
+
+def test_a_default_may_have_what_begins_a_comment_elsewhere():
+    (field,) = parse_message("p/msg/A", 'string a "it # 1" # more').fields
+    assert field.default == '"it # 1"'
 
 
 # -- messages as people give them -----------------------------------------------------------------

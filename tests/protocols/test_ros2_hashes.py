@@ -234,6 +234,8 @@ def test_every_action_has_hashes_for_what_is_on_the_wire(name):
 def test_what_is_no_type_is_named(name):
     with pytest.raises(InterfaceError, match="type"):
         type_hash(name)
+    with pytest.raises(InterfaceError, match="type"):
+        action_type(name.replace("geometry_msgs/", "control_msgs/action/"))
 
 
 # -- ~/get_type_description ------------------------------------------------------------------------

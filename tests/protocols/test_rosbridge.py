@@ -66,8 +66,8 @@ def test_what_clients_send_is_understood():
         None, "/t", {"x": 1}, "", False
     )
     assert parsed(
-        op="subscribe", id="s", topic="/t", throttle_rate=20, queue_length=3
-    ) == Subscribe("s", "/t", "", 20.0, 3, "none", 0)
+        op="subscribe", id="s", topic="/t", type="p/A", throttle_rate=20, queue_length=3
+    ) == Subscribe("s", "/t", "p/A", 20.0, 3, "none", 0)
     assert parsed(op="call_service", id=7, service="/stop", args=[1]) == CallService(
         7, "/stop", [1], "none", 0, 0.0
     )
@@ -414,6 +414,8 @@ def test_subscriptions_of_one_topic_are_merged():
     assert all_.add(subscribe("a", 100, 5)) == Delivery(0.1, 5, "none", 0)
     assert all_.add(subscribe("b", 20, 8, "cbor", 500)) == Delivery(0.02, 5, "cbor", 500)
     assert all_.add(subscribe("c", 50, 9, "cbor-raw")) == Delivery(0.02, 5, "cbor-raw", 500)
+    assert all_.add(subscribe("d", 50, 9, size=900)) == Delivery(0.02, 5, "cbor-raw", 500)
+    assert all_.remove(Unsubscribe("d", "/t")) == Delivery(0.02, 5, "cbor-raw", 500)
     assert len(all_) == 3
     assert all_.remove(Unsubscribe("b", "/t")) == Delivery(0.05, 5, "cbor-raw", 0)
     assert all_.remove(Unsubscribe("x", "/t")) == Delivery(0.05, 5, "cbor-raw", 0)
@@ -521,6 +523,7 @@ def test_typedefs_have_three_part_names_and_all_that_is_in_them():
     assert empty["fieldnames"] == []
     (log, *_) = rosapi.typedefs("rcl_interfaces/msg/Log")
     assert dict(zip(log["constnames"], log["constvalues"], strict=True))["WARN"] == "30"
+    assert dict(zip(log["fieldnames"], log["examples"], strict=True))["line"] == "0"
 
 
 @pytest.mark.parametrize(

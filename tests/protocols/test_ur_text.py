@@ -7,6 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.ur import dashboard, primary
 from cardan.protocols.ur.script import DEEPEST, LARGEST, ParseFailure, Program, parse, tree
+from cardan.protocols.ur.script.parser import LONGEST_CHAIN
 from cardan.protocols.ur.states import RobotMode
 from tests.examples import examples
 
@@ -134,6 +135,13 @@ def test_a_program():
     assert first.line == 4
 
 
+def test_the_limits_themselves_are_allowed():
+    chains = "1" + "+1" * LONGEST_CHAIN, "a" + "[0]" * LONGEST_CHAIN
+    for value in (*chains, "not " * 40 + "True"):
+        assert isinstance(parse(f"def a():\n x = {value}\nend"), Program)
+    assert isinstance(parse("def a():\n t = run f()\n run f()\nend"), Program)
+
+
 @pytest.mark.parametrize(
     ("text", "line", "reason"),
     [
@@ -153,6 +161,7 @@ def test_a_program():
         ("def a():\n  x = if\nend", 2, "a value is expected"),
         ("def a():\nend\nmore", 3, "comes after the end"),
         ("def a():\n x = " + "(" * 99 + "\nend", 2, f"more than {DEEPEST} levels"),
+        ("def a():\n x = " + "not " * 99 + "True\nend", 2, f"more than {DEEPEST} levels"),
         ("def a():\n x = " + "-" * 99 + "1\nend", 2, f"more than {DEEPEST} levels"),
         ("def a():\n" + "while True:\n" * 99, 51, f"more than {DEEPEST} levels"),
         ("#" * (LARGEST + 1), 1, f"{LARGEST} are the most"),

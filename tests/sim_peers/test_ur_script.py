@@ -84,6 +84,7 @@ def failure(body, frames=60):
         ("7 % 4", 3),
         ("2 + 3 * 4 - -1", 15),
         ("0x10 + 1", 17),
+        ("0xFFFFFFFF", -1),
         ("not (1 > 2) and 3 != 4 or False", True),
         ("True xor True", False),
         ("1 == 1.0", True),

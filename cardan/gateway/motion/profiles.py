@@ -135,8 +135,6 @@ class Profile:
         if math.isinf(jerk) and math.isinf(acceleration) and length > 0.0:
             ds = length / sum(phase.duration_s for phase in phases)
         for phase_s, dds, ddds in phases:
-            if phase_s <= 0.0:
-                continue
             self._phases.append((time + phase_s, time, s, ds, dds, ddds))
             s += phase_s * (ds + phase_s * (0.5 * dds + phase_s * ddds / 6.0))
             ds = max(0.0, ds + phase_s * (dds + phase_s * 0.5 * ddds))

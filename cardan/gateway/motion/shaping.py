@@ -187,17 +187,15 @@ def _follow(
     if change > q:
         factor = q / change
         cx, cy, cz = cx * factor, cy * factor, cz * factor
-    nx, ny, nz = ax + cx, ay + cy, az + cz
     limit = speed * speed * (1.0 + 1e-9)
     # Straight from the kill of the acceleration towards the wanted one, as far as the speed that
     # is still to come allows.
     kill = (1.0 - q / an) if an > q else 0.0
     kx, ky, kz = ax * kill, ay * kill, az * kill
     for share in (1.0, 0.5, 0.25, 0.125):
-        if share < 1.0:
-            nx = kx + share * (ax + cx - kx)
-            ny = ky + share * (ay + cy - ky)
-            nz = kz + share * (az + cz - kz)
+        nx = kx + share * (ax + cx - kx)
+        ny = ky + share * (ay + cy - ky)
+        nz = kz + share * (az + cz - kz)
         ux, uy, uz = vx + half * (ax + nx), vy + half * (ay + ny), vz + half * (az + nz)
         n = math.sqrt(nx * nx + ny * ny + nz * nz)
         g = 0.5 * n / jerk
@@ -248,7 +246,6 @@ class _Chaser:
     def rest(self) -> None:
         """Come to rest at once."""
         self.v = self.a = ZERO3
-        self._stopping = False
 
     def advance(self, d: Vector3, dt: float, resting_s: float) -> Vector3:
         """Return the displacement of this tick. `d` is the distance vector from the point to its

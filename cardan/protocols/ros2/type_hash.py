@@ -18,7 +18,6 @@ from cardan.protocols.ros2.interfaces import (
     name_on_the_wire,
     referenced,
     revised,
-    service_type,
 )
 
 UNSUPPORTED = "TypeHashNotSupported"
@@ -40,7 +39,6 @@ def type_hash(name: str) -> str:
     kind = full_name(name).split("/")[1]
     last = name.rpartition("/")[2]
     if kind == "srv" and not last.endswith(("_Request", "_Response", "_Event")):
-        service_type(name)
         return _hash_of_service(name)
     if kind == "action" and last.endswith(("_SendGoal", "_GetResult")):
         return _hash_of_service(name)

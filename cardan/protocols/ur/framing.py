@@ -87,7 +87,6 @@ class ScriptReader:
             self._line()
         if self.open or self._too_large:
             self._done()
-        self._lines, self._size = [], 0
 
     def _part(self, data: bytes) -> None:
         """Add a part of a line, up to one byte more than a program may have."""

@@ -134,9 +134,11 @@ def test_it_begins_at_rest_where_the_robot_is():
 
 
 def test_it_goes_on_at_the_speed_that_the_robot_really_has():
-    commanded = moving(Vector3(0.2, 0.0, 0.0))
-    commanded.place(at(0.0102), at(0.01), 0.002)  # Half of the commanded speed.
+    commanded = moving(Vector3(0.2, 0.0, 0.0), Vector3(0.0, 0.0, 0.4))
+    turned = at(0.0102, turn=Vector3(0.0, 0.0, 0.0004))
+    commanded.place(turned, at(0.01), 0.002)  # Half of the commanded speed.
     assert commanded.twist.linear == pytest.approx((0.1, 0.0, 0.0))
+    assert commanded.twist.angular == pytest.approx((0.0, 0.0, 0.2))
     assert commanded.pose.position == pytest.approx((0.0102, 0.0, 0.0))
 
 

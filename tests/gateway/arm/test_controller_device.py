@@ -238,7 +238,14 @@ def test_a_late_tick_does_not_make_the_reference_jump():
     bench = Bench().drive()
     before = bench.core.reference.pose.position
     bench.now_s += 0.06
+    commanded, steps_s = bench.core.commanded, []
+    commanded.longest_step_s, follow = 0.5 * DT_S, commanded.follow
+    commanded.follow = lambda reference, dt_s, *more: (
+        steps_s.append(dt_s) or follow(reference, dt_s, *more)
+    )
     bench.run(period_s=0.06)
+    assert len(steps_s) > 2
+    assert max(steps_s) <= commanded.longest_step_s * (1.0 + 1e-9)
     moved = norm(subtract(bench.core.reference.pose.position, before))
     assert moved <= 0.1 * LONGEST_STEP_PERIODS * DT_S + 1e-9
     assert bench.core.phase is Phase.MOVING

@@ -462,6 +462,18 @@ def test_an_acknowledgment_comes_too_early_while_readings_jump():
     assert bench.core.supervision.implausible == ""
 
 
+def test_an_arm_that_is_acknowledged_where_it_was_moved_to_unseen_starts_from_there():
+    world = HandWorld()
+    world.tick(5)
+    world.link = RobotLink.LOST
+    world.tick(5)
+    world.q, world.link, world.jammed = world.q + 1.0, RobotLink.LIVE, True
+    world.tick(math.ceil(TRUST_AFTER_S / DT_S) + 2)
+    assert world.verbs.controller.supervision.implausible
+    assert world.verbs.controller.acknowledge() == ""
+    np.testing.assert_allclose(world.verbs.servo.q, world.q)
+
+
 def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():
     controller = ArmController(TaskSpaceArm(LIMITS), LIMITS, period_s=PERIOD_S)
     state = RobotState(1.0, RobotLink.LIVE, 1, 0, PERIOD_S, REST, (), START, "")
@@ -471,3 +483,7 @@ def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():
     controller.engage()
     state = state._replace(stamp_s=state.stamp_s + PERIOD_S)
     assert controller.tick(state).pose == START
+    assert controller.status().pose == START
+    lost = state._replace(stamp_s=state.stamp_s + PERIOD_S, link=RobotLink.LOST)
+    assert controller.tick(lost) == HoldCommand()
+    assert controller.status().pose is None

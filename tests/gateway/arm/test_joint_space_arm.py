@@ -10,12 +10,14 @@ from cardan.drivers.robot_core import JUMP_NOISE_RAD, JUMP_SHARE
 from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
+    APPROACH_TIME_S,
     FASTEST_TCP_M_S,
     FASTEST_TCP_RAD_S,
     equal_steps,
 )
 from cardan.gateway.arm.joint_space_arm import (
     APPROACH_SHARE,
+    CORRECTION_SHARE,
     JOINT_TCP_TOLERANCE_M,
     POSE_TCP_TOLERANCE_M,
     JointSpaceArm,
@@ -270,13 +272,27 @@ def test_what_is_sent_while_it_comes_back_does_not_go_along():
     assert commanded.command(there, DT_S).velocities != (0.0,) * 6
 
 
-def test_blind_it_corrects_nothing():
+def test_a_small_error_is_taken_back_with_its_time_constant():
+    commanded = arm()
+    commanded.place(robot())
+    commanded.approach(robot(HOME + 1e-4), DT_S)
+    np.testing.assert_allclose(commanded.servo.v, 1e-4 / APPROACH_TIME_S, rtol=1e-3)
+
+
+def test_an_arm_of_velocities_that_was_pushed_away_returns_slowly_and_blind_not_at_all():
     commanded = arm(CommandKind.JOINT_VELOCITY)
     commanded.place(robot())
-    pushed = robot(HOME + 0.3)
+    pushed = robot(HOME + 0.5)
     command = commanded.command(pushed, DT_S, blind=True)
     assert command == JointVelocityCommand((0.0,) * 6)
-    assert max(map(abs, commanded.command(pushed, DT_S).velocities)) > 0.0
+    v = np.array(commanded.command(pushed, 10.0).velocities)
+    np.testing.assert_allclose(v, -CORRECTION_SHARE * KINEMATICS.velocity)
+    # No operator steers it while the command comes back to it.
+    v = np.array(commanded.command(pushed, 10.0, approaching=True).velocities)
+    KINEMATICS.update(commanded.servo.q)
+    assert np.linalg.norm(KINEMATICS.jacobian[:3] @ v) == pytest.approx(APPROACH_SPEED_M_S)
+    v = np.array(commanded.command(robot(HOME + 1e-4), 10.0, approaching=True).velocities)
+    np.testing.assert_allclose(v, -1e-4 * commanded.velocity_gain_1_s)
 
 
 # -- words ---------------------------------------------------------------------------------------

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from cardan.drivers.foreign import checked_lines, counted
-from cardan.errors import CommandError, DriverError
+from cardan.errors import CommandError, DriverError, MotionLoopError
 from cardan.gateway.arm.loop import ArmLoop
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.types import (
     ButtonEvent,
     DeviceLink,
@@ -48,6 +49,15 @@ class Recorded:
     def button_events(self):
         self.log.append("events")
         return [ButtonEvent(0.0, "left", True)]
+
+
+def test_an_errand_that_was_refused_is_not_run_by_the_next_loop():
+    link, done = LoopLink(), []
+    with pytest.raises(MotionLoopError, match="not open"):
+        link.do(lambda: done.append(1))
+    link.begin()
+    link.attend()
+    assert not done
 
 
 def test_each_state_is_answered_before_it_is_shown():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cardan.gateway.arm.backlog import STALE_S, Delays
-from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.verb_table import SEQUENCED, preset_of
 from cardan.gateway.arm.vocab import Begins, Stream
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
@@ -59,9 +60,18 @@ def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():
 
 def test_a_motion_clears_the_choice():
     world = streaming("twst")
-    world.run(world.verbs.movl(world.moved(0.0, 0.0, -0.05)))
-    assert world.verbs.get_parameter("cpsc") == Stream.NONE
-    assert "movl took over" in world.verbs.stream("twist", [0.0] * 6)
+    for _ in range(50):
+        assert world.verbs.stream("twist", [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]) == ""
+        world.tick()
+    motion = world.verbs.movl(world.moved(0.0, 0.0, -0.05))
+    assert motion.outcome is Outcome.WAITING
+    for _ in range(2):  # While the arm slows for it, and after it.
+        assert world.verbs.get_parameter("cpsc") == Stream.NONE
+        assert "movl took over" in world.verbs.stream("twist", [0.0] * 6)
+        world.run(motion)
+    world.verbs.set_parameter("cpsc", "twst")
+    world.verbs.tool([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    assert "the tool was changed" in world.verbs.stream("twist", [0.0] * 6)
 
 
 @pytest.mark.parametrize("frame", ["cpfb", "cpft"])
@@ -130,6 +140,22 @@ def test_streamed_poses_are_followed_inside_limits():
     np.testing.assert_allclose(world.six()[:3], target[:3], atol=2e-5)
 
 
+def test_a_predicted_pose_is_not_overshot_by_more_than_the_prediction():
+    world = streaming("pose", options=ControllerOptions(stream_prediction_s=0.02))
+    world.verbs.stream("pose", world.six())
+    assert not world.verbs.controller.motion.driven
+    target = world.six()
+    for _ in range(40):
+        target[2] -= 0.05 * 5 * DT_S
+        assert world.verbs.stream("pose", target) == ""
+        world.tick(5)
+    lowest = world.six()[2]
+    for _ in range(25):
+        world.tick()
+        lowest = min(lowest, world.six()[2])
+    assert target[2] - 0.05 * 0.021 <= lowest < target[2] - 0.05 * 0.01
+
+
 def test_a_silent_pose_stream_stops_short_of_its_target():
     world = streaming("pose")
     target = world.moved(0.0, 0.0, -0.15)
@@ -173,9 +199,10 @@ def test_late_datagrams_are_dropped():
     assert world.verbs.stream("twist", twist, sequence=5, stamp_s=1.0) == ""
     assert "number 5 came after number 5" in world.verbs.stream("twist", twist, sequence=5)
     assert "number 4" in world.verbs.stream("twist", twist, sequence=4)
-    assert "sent at 0.5" in world.verbs.stream("twist", twist, stamp_s=0.5)
+    for stamp_s in (0.5, 1.0):
+        assert f"sent at {stamp_s}" in world.verbs.stream("twist", twist, stamp_s=stamp_s)
     assert world.verbs.stream("twist", twist, sequence=6, stamp_s=1.1) == ""
-    assert world.verbs.status().stream_late == 3
+    assert world.verbs.status().stream_late == 4
 
 
 def test_one_owner_streams_and_anybody_stops():
@@ -204,6 +231,9 @@ def test_bad_streamed_values_change_nothing(values):
 
 def test_streams_keep_to_the_workspace():
     world = streaming("twst", options=streams(workspace_z_m=(0.75, 2.0)))
+    limits = world.verbs.controller.motion.reference.limits
+    assert limits.linear_acceleration_m_s2 == STREAM_LIMITS.linear_acceleration_m_s2
+    assert limits.angular_acceleration_rad_s2 == STREAM_LIMITS.angular_acceleration_rad_s2
     for _ in range(400):
         world.verbs.stream("twist", [0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
         world.tick()

@@ -17,6 +17,7 @@ from cardan.errors import (
     OutOfReachError,
 )
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import Action, PolicyCode, State
 from cardan.gateway.kinematics.base import to_pose
@@ -69,6 +70,9 @@ def test_nothing_is_commanded_before_a_verb():
     world = World()
     world.tick(10)
     assert world.command == HoldCommand()
+    unheard = ArmVerbs.alone(world.model, world.capabilities)
+    with pytest.raises(MotionRefusedError, match="no state of the robot was received yet"):
+        unheard.movj(world.six())
 
 
 def test_the_first_command_is_where_the_robot_is():
@@ -147,6 +151,7 @@ def test_a_line_is_straight_and_takes_its_time():
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.125))
     assert world.verbs.state is State.MOVL
     assert motion.duration_s == pytest.approx(5.0)  # Check value of the field's defaults.
+    assert motion.note == ""
     began, off, fastest = world.now_s, 0.0, 0.0
     while not motion.over:
         before = world.tcp[0]
@@ -541,6 +546,10 @@ def test_tools_replace_each_other_and_zeros_take_them_off():
     np.testing.assert_allclose(world.six()[:3], target[:3], atol=2e-5)
     world.verbs.tool([0.0] * 6)
     np.testing.assert_allclose(world.six()[:3], target[:3] - 0.2 * world.tcp[1][:, 2], atol=2e-5)
+    world.verbs.tool([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    verbs = world.verbs
+    again = ArmVerbs(verbs.controller, verbs.commanded, world.model, world.capabilities)
+    np.testing.assert_allclose(again.planner.forward(world.q), verbs.planner.forward(world.q))
 
 
 def test_tools_are_not_changed_in_motion():
@@ -600,6 +609,10 @@ def test_no_parameter_is_set_in_motion():
         world.verbs.set_parameter("cpts", 1.0)
     world.run(motion)
     world.verbs.set_parameter("cpts", 1.0)
+    # That claims the arm for nobody; its owner keeps it by that.
+    world.verbs.release()
+    world.verbs.set_parameters({"cpts": 0.5}, source="one")
+    assert world.verbs.status().authority.owner == ""
 
 
 def test_reach_keeps_the_pace():

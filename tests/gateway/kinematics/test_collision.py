@@ -15,7 +15,7 @@ from cardan.gateway.kinematics.collision import (
     Obstacle,
     box_obstacle,
 )
-from cardan.robots import BodyShape, Capsule, OrientedBox, load_arm
+from cardan.robots import BodyShape, Capsule, JointKind, OrientedBox, load_arm
 from cardan.types import Pose, Quaternion, Vector3
 
 FLOOR = Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -0.4))
@@ -206,6 +206,30 @@ def test_a_shape_inside_another_of_its_body_is_left_out_and_no_distance_is_large
             # How deep bodies overlap may be said otherwise for the one around.
             expected = distance if distance > 0.0 else min(one[key], 1e-6)
             assert one[key] == pytest.approx(expected, abs=1e-6)
+
+
+def test_what_a_half_space_or_an_obstacle_holds_is_still_kept_away_from():
+    crate = box_obstacle("crate", Vector3(0.5, 0.5, -2.0), Vector3(0.6, 0.6, -1.0))
+    around = box_obstacle("around", Vector3(-1.0, -1.0, -1.0), Vector3(1.0, 1.0, 1.0))
+    kinematics, collision = world("ur5", (FLOOR, crate, around))
+    moved = {shape.name for shape in kinematics.arm.shapes if shape.body > 0}
+    for name in ("floor", "crate"):
+        assert {p for pair in collision.pairs if name in pair for p in pair} == moved | {name}
+    assert set(world("ur5", ())[1].pairs) <= set(collision.pairs)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-0.1, 0.5), (-0.5, 0.1)])
+def test_a_sliding_joint_reaches_as_far_as_its_longer_end(lower, upper):
+    arm = load_arm("ur5")
+    slide = arm.joints[3]._replace(kind=JointKind.PRISMATIC, lower=lower, upper=upper)
+    fixed = slide._replace(lower=0.0, upper=0.0)
+    near, far = (
+        module.reach_of(arm._replace(joints=(*arm.joints[:3], joint, *arm.joints[4:])), arm.shapes)
+        for joint in (fixed, slide)
+    )
+    beyond = [column for column, shape in enumerate(arm.shapes) if shape.body > 3]
+    assert (far[3, beyond] == 1.0).all()
+    np.testing.assert_allclose(far[:3, beyond], near[:3, beyond] + 0.5)
 
 
 def test_a_box_needs_its_corners_in_order():

@@ -94,9 +94,10 @@ def test_nothing_to_do_takes_no_time_or_as_long_as_asked():
     assert waiting.at(1.0) == (0.0, 0.0, 0.0)
 
 
-def test_a_duration_below_the_quickest_is_refused_with_both_times():
-    with pytest.raises(ValueError, match=r"duration 8 s .* 8.5 s"):
-        Profile(0.3, 0.05, 0.02, math.inf, duration_s=8.0)
+@pytest.mark.parametrize("duration_s", [8.0, math.inf, math.nan])
+def test_a_duration_below_the_quickest_is_refused_with_both_times(duration_s):
+    with pytest.raises(ValueError, match=rf"duration {duration_s:g} s .* 8.5 s"):
+        Profile(0.3, 0.05, 0.02, math.inf, duration_s=duration_s)
 
 
 @pytest.mark.parametrize(

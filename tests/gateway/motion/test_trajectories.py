@@ -197,14 +197,13 @@ def test_the_curve_goes_through_the_points_with_their_velocities():
 
 def test_given_accelerations_are_those_at_the_points():
     accelerations = [[0.5, 0.1], [-0.3, 0.0], [0.0, 0.0]]
-    path = SplineTrajectory(
-        trajectory(
-            [1.0, 2.0, 3.0], [[0.5, 0.0], [0.8, 0.5], [1.0, 0.6]], np.zeros((3, 2)), accelerations
-        ),
-        START,
-    )
-    for t, a in zip((1.0, 2.0, 3.0), accelerations, strict=True):
+    times, positions = [1.0, 1.5, 4.0], [[0.5, 0.0], [0.8, 0.5], [1.0, 0.6]]
+    velocities = [[0.2, 0.3], [0.1, -0.1], [0.0, 0.0]]
+    path = SplineTrajectory(trajectory(times, positions, velocities, accelerations), START)
+    for t, q, v, a in zip(times, positions, velocities, accelerations, strict=True):
         np.testing.assert_allclose(path.acceleration(t - 1e-9), a, atol=1e-6)
+        for found, expected in zip(path.at(t - 1e-9), (q, v), strict=True):
+            np.testing.assert_allclose(found, expected, atol=1e-7)
     np.testing.assert_allclose(path.acceleration(0.0), 0.0)
 
 
@@ -225,6 +224,9 @@ def test_without_velocities_no_joint_swings_beyond_its_points(rows):
     times = np.arange(1, len(rows) + 1) * 0.7
     path = SplineTrajectory(trajectory(times, rows), START)
     knots = np.vstack((START, rows))
+    slopes = np.diff(knots, axis=0) / 0.7
+    going_on = (np.abs(slopes).min(axis=0) > 1e-3) & (slopes[0] * slopes[1] > 0.0)
+    assert (path.at(0.7)[1] != 0.0)[going_on].all()
     for index in range(len(knots) - 1):
         low = np.minimum(knots[index], knots[index + 1]) - 1e-9
         high = np.maximum(knots[index], knots[index + 1]) + 1e-9

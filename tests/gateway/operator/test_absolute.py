@@ -14,8 +14,6 @@ from tests.examples import examples
 from tests.gateway.device_pose_bench import HAND, DevicePoseBench, close, displaced
 from tests.gateway.operator.test_differential import plans, play, rpys
 
-pytestmark = pytest.mark.matrix
-
 ORIGIN = Vector3(0.45, 0.05, 0.35)
 CENTER = Vector3(0.1, -0.1, 0.2)
 
@@ -31,6 +29,7 @@ def test_nothing_moves_before_the_clutch():
     assert bench.core.phase is Phase.DISARMED
 
 
+@pytest.mark.matrix
 @settings(max_examples=15)
 @given(rpys, st.floats(-180.0, 180.0), st.floats(0.3, 1.5))
 def test_the_tcp_goes_where_the_hand_is(rpy, yaw, factor):
@@ -88,6 +87,7 @@ def test_taking_the_hand_up_elsewhere_goes_there_and_letting_go_brakes():
     assert bench.tcp.position.y - where.position.y < 0.03
 
 
+@pytest.mark.matrix
 def test_a_hand_outside_the_workspace_is_met_at_its_edge():
     limits = ReferenceLimits(workspace_x_m=(0.3, 0.5), workspace_z_m=(0.2, 0.6))
     bench = absolute(limits=limits, orientation=Orientation.FIXED)
@@ -103,6 +103,7 @@ def test_a_hand_outside_the_workspace_is_met_at_its_edge():
     assert close(bench.tcp.position, bench.mapped_device)
 
 
+@pytest.mark.matrix
 def test_the_tool_stands_as_the_hand_does():
     bench = absolute(
         orientation=Orientation.ABSOLUTE,
@@ -137,6 +138,7 @@ def test_a_lost_hand_brakes_and_a_leap_is_not_followed():
     assert not bench.core.following
 
 
+@pytest.mark.matrix
 @settings(max_examples=examples(50))
 @given(
     plans,

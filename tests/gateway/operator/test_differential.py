@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
-from cardan.gateway.operator.mapping import AXES, MappingOptions, Mode, Orientation
-from cardan.gateway.operator.position import mirrors, unfollowed
+from cardan.gateway.operator.mapping import MappingOptions, Mode, Orientation
+from cardan.gateway.operator.position import unfollowed
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 from cardan.spatial import (
@@ -436,26 +436,6 @@ def test_the_map_ends_where_the_workspace_ends():
 )
 def test_directions_that_no_place_of_the_hand_moves(options, still):
     assert unfollowed(MappingOptions(**options)) == still
-
-
-@pytest.mark.parametrize(
-    ("axes", "gone"),
-    [
-        (("x", "-y", "z"), True),
-        (("y", "x", "z"), True),
-        (("x", "x", "z"), True),
-        (("-x", "fixed", "z"), False),
-        (("rx", "y", "z"), False),
-        (("y", "x", "-z"), False),
-    ],
-)
-def test_forces_have_no_way_back_through_a_mirror(axes, gone):
-    axes = (*axes, *AXES[3:])
-    assert mirrors(MappingOptions(axes=axes)) is gone
-    assert (engaged(axes=axes).core.device_map() is None) is gone
-    flipped = MappingOptions(axes=axes, scale=(-1.0, *[1.0] * 5))
-    if not gone and "fixed" not in axes and "rx" not in axes[:3]:
-        assert mirrors(flipped)
 
 
 # -- never a step ----------------------------------------------------------------------------------

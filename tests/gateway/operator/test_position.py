@@ -6,6 +6,8 @@ import pytest
 
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
+from cardan.gateway.operator.mapping import AXES, MappingOptions
+from cardan.gateway.operator.position import mirrors
 from cardan.spatial import from_euler_zyx, norm, rotate, scale
 from cardan.types import IDENTITY, ButtonEvent, DeviceLink, Frame, Pose, Quaternion, Vector3
 from tests.gateway.device_pose_bench import DT_S, HAND, START, DevicePoseBench, close, displaced
@@ -216,3 +218,24 @@ def test_a_time_to_come_is_not_believed():
     bench.run(0.5)
     assert norm(bench.moved) == 0.0
     assert bench.core.phase is Phase.DISARMED
+
+
+@pytest.mark.parametrize(
+    ("axes", "gone"),
+    [
+        (("x", "-y", "z"), True),
+        (("y", "x", "z"), True),
+        (("x", "x", "z"), True),
+        (("-x", "fixed", "z"), False),
+        (("y", "x", "fixed"), False),
+        (("rx", "y", "z"), False),
+        (("y", "x", "-z"), False),
+    ],
+)
+def test_forces_have_no_way_back_through_a_mirror(axes, gone):
+    axes = (*axes, *AXES[3:])
+    assert mirrors(MappingOptions(axes=axes)) is gone
+    assert (Bench(axes=axes).engage().core.device_map() is None) is gone
+    flipped = MappingOptions(axes=axes, scale=(-1.0, *[1.0] * 5))
+    if not gone and "fixed" not in axes and "rx" not in axes[:3]:
+        assert mirrors(flipped)

@@ -72,10 +72,23 @@ def test_torques_stay_inside_the_joints_limits():
     world = World(
         "ur5", options=ControllerOptions(torque=TorqueLimits(force_n=5000.0, force_slew_n_s=1e6))
     )
-    world.verbs.forc([0.0, 0.0, 4000.0, 0.0, 0.0, 0.0])
-    world.tick(5)
-    effort = [joint.effort for joint in world.model.joints]
-    assert np.all(np.abs(world.command.torques) <= np.array(effort) + 1e-9)
+    world.verbs.gcmp()
+    world.tick()
+    weight = np.array(world.command.torques)
+    world.verbs.stop()
+    world.rest()
+    for force in (4000.0, -4000.0):
+        world.verbs.forc([0.0, 0.0, force, 0.0, 0.0, 0.0])
+        world.tick(5)
+        torques = np.array(world.command.torques)
+        used = np.abs(torques) / [joint.effort for joint in world.model.joints]
+        # The wrench keeps its direction, and is as large as the weakest joint allows.
+        assert used.max() == pytest.approx(1.0)
+        kinematics = world.verbs.servo.kinematics
+        kinematics.update(world.q)
+        asked = force * (kinematics.placement.rotation @ kinematics.jacobian[:3])[2]
+        share = (torques - weight) @ asked / (asked @ asked)
+        np.testing.assert_allclose(torques - weight, share * asked, atol=1e-6)
 
 
 def test_an_arm_that_runs_away_is_caught():
