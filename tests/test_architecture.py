@@ -676,7 +676,7 @@ HUMAN_HANDS = {
     "tables.py watchdog.py",
     "cardan/gateway/session": "force_assembly.py terminal_view.py",
     "cardan/robots": "amor.toml",
-    "docs": "adding-a-driver.md configuration.md evaluation.md force-feedback.md phone.md "
+    "docs": "configuration.md evaluation.md force-feedback.md phone.md "
     "remote.md ros2.md stability.md tutorials/force.md",
     "examples": "phone-ur5-simulated.toml spacemouse-panda-simulated.toml xr-ur5-simulated.toml",
     "plugins/cardan-jr3": "README.md cardan_jr3/driver/core.py "

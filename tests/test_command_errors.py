@@ -235,7 +235,7 @@ def test_a_duration_is_a_finite_number(cardan, command, seconds):
         (("gamepad",), "cardan: --events, --uinput: give either"),
         (("jr3", "--channel", ""), "cardan: --channel: '' is not allowed"),
         (("abb-gofa", "--log", "/nonexistent/x"), "cardan: No such option: --log"),
-        (("no-such-peer",), "cardan: No such command 'no-such-peer'; `cardan sim --help` says"),
+        (("no-such-peer",), "cardan: No such command 'no-such-peer'; `cardan sim --help` lists"),
         (("abb",), "cardan: No such command 'abb'. Did you mean 'abb-gofa'? `cardan sim --help`"),
     ],
 )

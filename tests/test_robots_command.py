@@ -201,7 +201,7 @@ def test_how_much_too_large_the_cover_of_a_mesh_is_stands_there(here, capsys):
 def test_nothing_is_written_over_without_being_reported(here, capsys):
     Path("vendor.toml").write_text("mine", encoding="utf-8")
     words = ("robots", "add", "vendor.urdf", "--tcp", "tool0")
-    with pytest.raises(ConfigurationError, match=r"--overwrite: vendor\.toml is there"):
+    with pytest.raises(ConfigurationError, match=r"--overwrite: vendor\.toml exists"):
         cardan(capsys, *words)
     assert Path("vendor.toml").read_text(encoding="utf-8") == "mine"
     cardan(capsys, *words, "--overwrite")
@@ -351,7 +351,7 @@ def test_a_topic_may_be_named_and_two_arms_have_a_file_each(bus, capsys):
 
 def test_a_description_that_was_kept_is_not_written_over_either(bus, capsys):
     Path("robot_description.urdf").write_text("mine", encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=r"--overwrite: robot_description\.urdf is there"):
+    with pytest.raises(ConfigurationError, match=r"--overwrite: robot_description\.urdf exists"):
         cardan(capsys, *ADD_TOPIC)
     assert bus.asked == []
 

@@ -47,7 +47,7 @@ def test_two_publishers_of_one_text_are_fine_and_of_two_they_are_named():
     assert agreed(TOPIC, NODES, [message(ROBOT)] * 2) == ROBOT
     said = refused(message(ROBOT), message('<robot name="other"/>'))
     assert "2 different texts were published as /robot_description" in said
-    assert "by /left and /right: end all publishers but one" in said
+    assert "by /left and /right: stop all publishers but one" in said
 
 
 def test_empty_wrong_and_endless_texts_are_refused():
@@ -93,7 +93,7 @@ def test_two_publishers_are_both_heard():
         assert describe(TOPIC, options).text == ROBOT
     with (
         publishing(ROBOT, "<robot/>") as options,
-        pytest.raises(ConfigurationError, match="by /publisher_0 and /publisher_1: end all"),
+        pytest.raises(ConfigurationError, match="by /publisher_0 and /publisher_1: stop all"),
     ):
         describe(TOPIC, options)
 

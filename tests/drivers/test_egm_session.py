@@ -1074,7 +1074,7 @@ class TestBadBytes:
         ("part", "words"),
         [
             ({"joints": (0.0, 1e300, 0.0, 0.0, 0.0, 0.0)}, "feedBack.joints"),
-            ({"joints": (math.radians(1e6), *HOME[1:])}, "-2000 to 2000 rad or m: a wrist"),
+            ({"joints": (math.radians(1e6), *HOME[1:])}, "-2000 to 2000 rad or m: 250 turns"),
             ({"position": Vector3(1e6, 0.0, 0.8)}, "feedBack.pos: .* -100 to 100 m"),
             ({"external": (0.0, 0.0, math.degrees(-2001.0))}, "feedBack.externalJoints"),
         ],

@@ -639,7 +639,7 @@ BAD_STATES = {
                 }
             ]
         },
-        "no unit quaternion",
+        "that is not a unit quaternion",
     ),
 }
 

@@ -208,7 +208,7 @@ def test_commands_that_cannot_be():
     ("values", "words"),
     [
         ((0.0,), "positions: 1 values for 2 joints"),
-        ((0.0, math.nan), "finite, and -2000 to 2000 rad or m: a wrist"),
+        ((0.0, math.nan), "finite, and -2000 to 2000 rad or m: 250 turns"),
         ((math.inf, 0.0), "finite"),
         ((-2000.1, 0.0), "-2000 to 2000"),
         ((None, 0.0), "finite"),

@@ -96,7 +96,7 @@ def test_a_port_at_which_nothing_speaks_is_reported(core):
 
 def test_a_port_that_is_not_there(module, tmp_path):
     lever = module("driver").Lever(path=str(tmp_path / "none"))
-    with pytest.raises(DeviceNotFoundError, match=r"cannot open .*none: there is nothing at that"):
+    with pytest.raises(DeviceNotFoundError, match=r"cannot open .*none: no device is at that"):
         lever.open()
 
 

@@ -77,12 +77,12 @@ _CUBIC, _QUINTIC = 1, 2
 def expanded(text, version, values):
     """The program for a version of the controller's software, with the driver's values."""
     text = re.sub(r"\{\{\s*([\w-]+)\s*\}\}", lambda found: str(values[found[1]]), text)
-    kept, blocks = [], []
+    lines, blocks = [], []
     for line in text.splitlines():
         tag = _TAG.search(line)
         if tag is None:
             if all(shown for shown, _ in blocks):
-                kept.append(line)
+                lines.append(line)
         elif tag[1] == "if":
             held = _holds(tag[2], version)
             blocks.append((held, held))
@@ -92,7 +92,7 @@ def expanded(text, version, values):
             _, before = blocks.pop()
             held = not before and (tag[1] == "else" or _holds(tag[2], version))
             blocks.append((held, before or held))
-    return "\n".join(kept)
+    return "\n".join(lines)
 
 
 def _holds(condition, version):

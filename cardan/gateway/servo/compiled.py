@@ -290,6 +290,7 @@ class CompiledServo:
         try:
             share: float = self._tick(goal, linear, angular, dt_s, flags)
         except TypeError as error:
+            float(dt_s)  # Raises TypeError if that is the one that is not a number.
             raise ValueError(f"{goal} and {twist} are no pose and 2×3 numbers: {error}") from None
         return share
 

@@ -153,7 +153,7 @@ def test_a_session_that_starts_or_does_not_read_takes_no_requests(bench):
     bench.session.snapshot = Snapshot.of({"arm": {"phase": "disarmed"}})
     bench.session.reads = False
     bench.ask("stat")
-    assert "it stands still" in bench.heard().value
+    assert "it hangs" in bench.heard().value
     assert bench.asked == []
 
 
