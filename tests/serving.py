@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from cardan.demos.examples import Demo, find_demos
+from cardan.demos.safety import check_words
 from cardan.sim_peers.base import SimulatedPeer
 
 _P = TypeVar("_P", bound=SimulatedPeer)
@@ -94,5 +95,5 @@ def demonstrated(demo: Demo, folder: Path) -> Iterator[dict[str, Any]]:
     tables, launches = demo.prepare(folder)
     with ExitStack() as stack:
         for words in launches:
-            stack.enter_context(served(*words))
+            stack.enter_context(served(*check_words(demo, "launch", words)))
         yield tables

@@ -84,7 +84,7 @@ def test_for_an_issue(taken):
 def test_a_file_that_is_wrong(tmp_path):
     file = tmp_path / "wrong.toml"
     file.write_text(ROBOT.format(port='"x"'))
-    assert "[file]" in doctor(file)
+    assert "[file, S004]" in doctor(file)
 
 
 def test_one_form_at_a_time(tmp_path):

@@ -423,7 +423,9 @@ def test_closed_streams_are_no_robot_s_sockets():
 # -- logs -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("words", [("run",), ("demo",), ("spnav",), ("force",), ("sim", "arm")])
+@pytest.mark.parametrize(
+    "words", [("run",), ("demo",), ("devices", "spnav"), ("devices", "force"), ("sim", "arm")]
+)
 def test_every_command_that_runs_on_says_how_much_it_logs(words):
     with Program(*words, "--help") as program:
         assert program.end() == 0

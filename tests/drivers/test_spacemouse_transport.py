@@ -11,7 +11,7 @@ from collections import deque
 
 import pytest
 
-from cardan import cli
+from cardan.cli.devices import list_devices as print_devices
 from cardan.drivers import access, base, reader_thread, registry
 from cardan.drivers.hid import HidDevice
 from cardan.drivers.spacemouse import (
@@ -709,7 +709,7 @@ def test_the_table_says_once_what_hides_the_devices_of_several_drivers(
     monkeypatch.setitem(registry.BUILT_IN, "other_mouse", f"{__name__}:OtherMouse")
     monkeypatch.setattr(registry.FINDER, "_installed", lambda: ())
     monkeypatch.setenv("COLUMNS", "400")
-    cli.devices()
+    print_devices()
     said = capsys.readouterr().out
     assert said.count("pip install hidapi") == 1
     assert re.search("other mice, 3Dconnexion devices +other_mouse, spacemouse ", said)
@@ -723,7 +723,7 @@ def test_brackets_in_an_obstacle_are_shown(monkeypatch, capsys):
     monkeypatch.setattr(registry, "names", lambda: ("spacemouse",))
     monkeypatch.setattr(SpaceMouse, "find", find)
     monkeypatch.setenv("COLUMNS", "200")
-    cli.devices()
+    print_devices()
     assert 'pip install "cardan[can]"' in capsys.readouterr().out
 
 
