@@ -17,16 +17,16 @@ class ScriptedOperator:
 
     def __init__(self, more=()):
         """`more`: what a suite asks besides, each a step and its words."""
-        self.reported = queue.SimpleQueue()
+        self.instructions = queue.SimpleQueue()
         self._steps = STEPS | {how: name for name, how in more}
 
     @property
     def next_due_s(self):
-        return math.inf if self.reported.empty() else 0.0
+        return math.inf if self.instructions.empty() else 0.0
 
     def advance(self, now_s, device):
-        while not self.reported.empty():
-            what = self._steps.get(self.reported.get(), "let-go")
+        while not self.instructions.empty():
+            what = self._steps.get(self.instructions.get(), "let-go")
             if what == "twist":
                 device.set_axes(CLOCKWISE)
             elif what == "let-go":

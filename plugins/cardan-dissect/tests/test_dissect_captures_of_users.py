@@ -63,7 +63,7 @@ def test_what_a_snap_length_cuts_is_no_gap(rtde, tmp_path, snap):
     assert "out of order 0 gaps 0" in text
     assert "out of order 0 gaps 0 (" not in text
     many = sum(wire > snap for *_, wire in listed)
-    assert f"{many} packets are cut by the capture, which kept {snap} bytes" in text
+    assert f"{many} packets are cut by the capture, which kept at most {snap} bytes" in text
     assert counts.messages["RTDE"] == whole.messages["RTDE"]
     assert 0 < counts.malformed["RTDE"] <= counts.messages["RTDE"]
     assert "cut by the capture (" in text
