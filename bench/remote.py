@@ -149,6 +149,8 @@ class HandHeld(ABC):
     """A device that this process holds."""
 
     buttons = axis = False
+    counts = COUNTS
+    """Of the deflection; strokes go to and fro, so that none comes to the end of the workspace."""
 
     @abstractmethod
     def report(self) -> None:
@@ -170,7 +172,7 @@ class Mouse(HandHeld):
         """As the device does: its buttons when they change, its axes."""
         with contextlib.suppress(BlockingIOError):
             self._readers.append(self._socket.accept()[0])
-        packets = [encode_motion(0, COUNTS if self.axis else 0, 0, 0, 0, 0)]
+        packets = [encode_motion(0, self.counts if self.axis else 0, 0, 0, 0, 0)]
         if self._said[0] != self.buttons:
             packets.insert(0, encode_buttons(int(self.buttons), 3))
         if self.axis or (self.axis, self.buttons) != self._said[::-1]:
@@ -208,7 +210,7 @@ class Spacenavd(HandHeld):
         if self._reported[0] != self.buttons:
             self._send(PRESS if self.buttons else RELEASE, 0)
         if self.axis or self._reported[1]:
-            self._send(MOTION, COUNTS if self.axis else 0)
+            self._send(MOTION, self.counts if self.axis else 0)
         self._reported = (self.buttons, self.axis)
 
     def _send(self, kind: int, word: int) -> None:
@@ -387,6 +389,7 @@ class Cell:
         end_s = time.monotonic() + ACT_WITHIN_S
         while (now_s := time.monotonic()) < min(robot.moved_s + STILL_S, end_s):
             self.play(now_s + PERIOD_S)
+        robot.device.counts *= -1
         self.await_phase(robot)
         begun_s = self.act(robot, axis=True)
         moved_s = self.moved_after(robot, begun_s)
