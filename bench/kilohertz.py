@@ -174,7 +174,7 @@ def measure_floor(seconds: float) -> Floor:
 def table(rows: list[Row], conditions: str) -> str:
     """As docs/measurements.md has it."""
     lines = [
-        "| beside | lateness, median / p99 | answer after, median / p99 | missed "
+        "| load | lateness, median / p99 | answer after, median / p99 | missed "
         "| CPU of the session | moving | aim | bare loop in C: lateness | missed |",
         "|---|---|---|---|---|---|---|---|---|",
     ]

@@ -618,7 +618,7 @@ def _router() -> Iterator[str]:
 
 def speed_table(figures: Figures, conditions: str) -> str:
     """As docs/measurements.md has it."""
-    lines = ["| the device | median | p99 | beyond local, median |", "|---|---|---|---|"]
+    lines = ["| device | median | p99 | beyond local, median |", "|---|---|---|---|"]
     local_s = figures.quantile(LOCAL, "median")
     added = {}
     for name in (LOCAL, REMOTE, SPACENAV):

@@ -28,7 +28,7 @@ def test_a_publication_is_an_instant_by_the_number_of_its_messages():
         for name in ("publish", "poll", "publish_cycle")
     }
     table = publication.table([publication.Cost(50.0, 10.0, rows, "real time")])
-    assert "| 50 Hz | nobody subscribes | 10 | 100 / 100 µs | 10.0 µs | met: 0.40 of it |" in table
+    assert "| 50 Hz | no subscribers | 10 | 100 / 100 µs | 10.0 µs | met: 0.40 of it |" in table
     assert "300 / 300 µs | 30.0 µs | missed: 1.20 of it |" in table
 
 

@@ -180,7 +180,7 @@ def clock(page: Tab) -> tuple[float, float]:
 def table(found: dict[str, Delays]) -> str:
     """As docs/measurements.md has it."""
     lines = [
-        "| page | presses | median | p99 | slowest | moved nothing |",
+        "| page | presses | median | p99 | slowest | without motion |",
         "|---|---|---|---|---|---|",
     ]
     for name, delays in found.items():

@@ -52,8 +52,8 @@ def table(found: Load) -> str:
     ratio = loud_s / quiet_s
     return "\n".join(
         [
-            "| pages that watch | session's p99, nobody / all | times | CPU of the server | age of "
-            "what they see, median / p99 |",
+            "| viewers | session's p99, none / all | times | CPU of the server | age of "
+            "messages, median / p99 |",
             "|---|---|---|---|---|",
             f"| {found.clients} at {RATE_HZ:g} Hz | {1e6 * quiet_s:.0f} / {1e6 * loud_s:.0f} µs | "
             f"{ratio:.2f} | {found.cpu_share:.1%} | {1e3 * quantile(found.ages_s, 0.5):.1f} / "

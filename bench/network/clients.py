@@ -171,7 +171,7 @@ def table(loads: list[Load]) -> str:
     """As docs/measurements.md has it."""
     lines = [
         "| clients | messages/s | CPU of the server | for each client | received "
-        "| age, median / p99 | session's p99, nobody / all listening | ratio "
+        "| age, median / p99 | session's p99, none / all listening | ratio "
         "| memory of the server |",
         "|---|---|---|---|---|---|---|---|---|",
     ]

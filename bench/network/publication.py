@@ -25,7 +25,7 @@ SETTLE_S = 6.0
 TURN_S, TURNS = 3.0, 8
 RATES_HZ = (50.0, 250.0)
 
-ALONE, HEARD = "nobody subscribes", "all topics subscribed"
+ALONE, HEARD = "no subscribers", "all topics subscribed"
 
 
 class _Clock:
@@ -178,8 +178,8 @@ def table(costs: list[Cost]) -> str:
             )
     lines += ["", "| in each cycle | | median / p99 |", "|---|---|---|"]
     for name, words in (
-        ("poll", "to look for commands"),
-        ("publish_cycle", "to look for recorders"),
+        ("poll", "check for commands"),
+        ("publish_cycle", "check for recorders"),
     ):
         for kind in (ALONE, HEARD):
             took = [each for cost in costs for each in cost.rows[kind, name]]

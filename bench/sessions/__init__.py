@@ -148,7 +148,7 @@ def table(rows: list[Row], conditions: str) -> str:
     late_s = max(row.played.late_p99_s for row in rows)
     skipped = sum(row.played.skipped for row in rows)
     lines.append(
-        f"Who plays the robots was up to {late_s * 1e3:.2f} ms late (p99), and left out {skipped} "
+        f"The robots' process was up to {late_s * 1e3:.2f} ms late (p99), and left out {skipped} "
         "instants."
     )
     return "\n".join(lines) + "\n\n" + conditions

@@ -206,14 +206,14 @@ class Report:
 
 
 RULES: Final = {
-    "moves unasked": f"no arm moves more than {rules.AT_REST_S:g} s after the last one asked it to",
-    "moves without authority": "no arm moves without a source that has the authority, but to brake",
-    "two sources": "one source at a time moves an arm",
-    "unknown source": "who has the authority is one of those that asked",
-    "armed by itself": "a session that comes back is disarmed until somebody acts",
-    "does not recover": f"all runs again within {rules.RECOVERED_S:g} s of a fault",
+    "moves unasked": f"no arm moves more than {rules.AT_REST_S:g} s after the last request",
+    "moves without authority": "no arm moves without a source with authority, except to brake",
+    "two sources": "at most one source at a time moves an arm",
+    "unknown source": "only a source that requested motion has the authority",
+    "armed by itself": "a restarted session is disarmed until a new action",
+    "does not recover": f"everything runs again within {rules.RECOVERED_S:g} s of a fault",
     "the daemon answers": f"the daemon answers within {rules.ANSWER_S:g} s",
-    "reload": "a reload of a wrong file changes nothing",
+    "reload": "reloading an invalid file changes nothing",
     "nothing is left": "no process, socket, shared memory or temporary file is left at the end",
 }  # fmt: skip
 
@@ -238,7 +238,7 @@ def markdown(table: dict[str, Any], violations: list[Violation]) -> str:
         "|---|---|---|",
         *(f"| {arm} | {n} | {s / 60:.1f} min |" for arm, (n, s) in table["moves"].items()),
         "",
-        "| what was done | times |",
+        "| action | times |",
         "|---|---|",
         *(f"| {what.replace('_', ' ')} | {n} |" for what, n in table["acts"].items()),
         "",

@@ -400,7 +400,7 @@ def _three(values: Array) -> str:
 def evenness_table(found: list[Evenness]) -> str:
     """Markdown."""
     lines = [
-        "| tick | beside | real-time scheduling | period error, µs | rate | cost, µs |",
+        "| tick | load | real-time scheduling | period error, µs | rate | cost, µs |",
         "|---|---|---|---|---|---|",
     ]
     for one in found:
@@ -424,7 +424,7 @@ def verdicts(
     idle = by_name["compiled", "idle", True]
     p99 = [float(np.percentile(one.errors_s, 99)) for one in (ours, theirs)]
     rows = (
-        ("period error beside a busy Python thread, p99", p99[0], 100e-6),
+        ("period error with a busy Python thread, p99", p99[0], 100e-6),
         ("cost of a tick with the simulated libHD's calls, median",
          float(np.median(idle.costs_s)), 5e-6),
         ("cost of the law alone, 8 fixtures, p99", float(np.percentile(alone, 99)), 5e-6),
@@ -433,12 +433,12 @@ def verdicts(
          float(np.nanpercentile(measured_s, 99)), CYCLE_S + 2e-3),
         ("the same in a whole session with EGM, p99", session_s, CYCLE_S + 2e-3),
     )  # fmt: skip
-    lines = ["| what | found | aim |", "|---|---|---|"]
+    lines = ["| quantity | measured | aim |", "|---|---|---|"]
     for name, value, aim in rows:
         words = "met" if value <= aim else "**missed**"
         lines.append(f"| {name} | {1e6 * value:.1f} µs | {1e6 * aim:.0f} µs: {words} |")
     lines.append(
-        f"\nBeside a busy Python thread the period error of a Python callback is "
+        f"\nWith a busy Python thread the period error of a Python callback is "
         f"{p99[1] / p99[0]:.0f} times ours at p99."
     )
     return "\n".join(lines)
