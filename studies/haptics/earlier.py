@@ -72,8 +72,8 @@ BEFORES = (
     Before("stirs for 40 s", 40.0),
     Before("stirs for 40 s, noise 0.05 N", 40.0, 0.05),
     Before("stirs for 40 s, noise 0.35 N", 40.0, 0.35),
-    Before("leans on a wall that is not late, leaves it", leans=True),
-    Before("leans on a wall that becomes late", leans=True, keeps=True),
+    Before("leans on an undelayed wall, leaves it", leans=True),
+    Before("leans on a wall that becomes delayed", leans=True, keeps=True),
 )
 CONTACTS = (Contact(LIGHTLY, 400.0, Link(0.01)), Contact(HELD, 400.0, Link(0.05)))
 

@@ -320,7 +320,7 @@ def link_words(link: Link) -> str:
 def table(found: list[tuple[Push, Compared, Compared]]) -> str:
     """Markdown: what was pushed, calm and pushed."""
     lines = [
-        "| pushed | hand | K, N/m | there and back | plain: energy, speed | ours | its bound |",
+        "| varied | hand | K, N/m | there and back | plain: energy, speed | ours | its bound |",
         "|---|---|---|---|---|---|---|",
     ]
     for push, *points in found:

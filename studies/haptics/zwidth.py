@@ -120,7 +120,7 @@ def table(found: list[Width]) -> str:
     lines = [
         "| damping of the wall | passive by theory | stable by rule | plain, no friction "
         "| ours, controller off, no friction | ours, no friction | plain | ours, controller off "
-        "| ours | energy that this plain wall gave | that with the controller off |",
+        "| ours | energy from this plain wall | energy with controller off |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for one in found:

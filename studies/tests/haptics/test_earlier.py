@@ -15,8 +15,8 @@ pytestmark = pytest.mark.matrix
 STIRS = Before("stirs for 10 s", 10.0)
 NOISE = Before("stirs for 10 s, noise 0.05 N", 10.0, 0.05)
 STRONG_NOISE = Before("stirs for 10 s, noise 0.35 N", 10.0, 0.35)
-LEAVES = Before("leans on a wall that is not late, leaves it", leans=True)
-KEEPS = Before("leans on a wall that becomes late", leans=True, keeps=True)
+LEAVES = Before("leans on an undelayed wall, leaves it", leans=True)
+KEEPS = Before("leans on a wall that becomes delayed", leans=True, keeps=True)
 ALLOWED_J = 0.0005
 """For what the sensors hide."""
 
