@@ -1,4 +1,4 @@
-"""``cardan evaluate``: what was published, measured again; one report."""
+"""``cardan evaluate``: published measurements, repeated, in one report."""
 
 from __future__ import annotations
 

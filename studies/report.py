@@ -22,7 +22,7 @@ FORMAT = 1
 """Of report.json; a report of another one cannot be compared."""
 
 JSON, MARKDOWN, HTML = "report.json", "report.md", "report.html"
-TITLE = "What was published, measured again"
+TITLE = "Published measurements, repeated"
 
 
 @dataclass

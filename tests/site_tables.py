@@ -165,7 +165,7 @@ def _results() -> Iterator[tuple[str, SiteTable]]:
         results = result_tables.of_suite(name)
         yield (
             f"conformance with faults: {name}",
-            _written(results, "each fault that is tried, and what is not met with it"),
+            _written(results, "each tested fault, and the requirements that it violates"),
         )
 
 
@@ -210,11 +210,13 @@ TABLES: dict[str, SiteTable] = {
         "cardan demo --list",
     ),
     "network": SiteTable(
-        "docs/judged.md", "every name, its type, and its judges on each transport", _network
+        "docs/judged.md",
+        "every name, its type, and the programs that tested it on each transport",
+        _network,
     ),
     "suites": SiteTable(
         "docs/conformance.md",
-        "the protocols, what is judged of each, levels, and what `--target` takes",
+        "the protocols with scope, levels, and values of `--target`",
         conformance_tables.suites,
         "cardan conform --list",
     ),
