@@ -35,7 +35,7 @@ def moving(linear=ZERO3, angular=ZERO3, limits=LIMITS):
 
 
 def ramp(commanded, brake):
-    """Tick to rest; checks every step, and returns their number."""
+    """Tick until the arm is at rest; check every step, and return the number of steps."""
     for count in range(1, 2000):
         before = commanded.twist
         over = brake.tick(ROBOT, DT_S) is ARRIVED
