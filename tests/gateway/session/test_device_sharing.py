@@ -1,4 +1,4 @@
-"""The owner of a session's device opens it, beside the loop."""
+"""A session's device is opened by its owner in a thread, outside of the loop."""
 
 import threading
 
@@ -11,7 +11,7 @@ WITHIN_S = 10.0
 
 
 class Device:
-    """Records the calls to it."""
+    """Records its calls."""
 
     def __init__(self, failures=0):
         self.is_open = False
