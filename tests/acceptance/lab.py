@@ -67,7 +67,7 @@ class Roles(NamedTuple):
     device: str
     """The device that is unplugged."""
     killed: str
-    """The session with a device of its own, whose process is killed."""
+    """The session whose process is killed; it does not share its device."""
     shared: str
     """A device that two sessions share."""
     first: str
@@ -245,7 +245,8 @@ class Lab:
                 if motions and not motions[-1].over:
                     return False
                 if not motions or motions[-1].outcome is not Outcome.DONE:
-                    # A busy computer brakes arms now and then; a second request moves the arm on.
+                    # A busy computer sometimes brakes the arm; a second request completes the
+                    # motion.
                     with contextlib.suppress(MotionRefusedError):
                         motions.append(arm.movl(pose))
                     return False

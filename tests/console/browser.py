@@ -196,7 +196,7 @@ class Tab:
 
 
 class Browser:
-    """A running browser. Each page is shown in a window of its own."""
+    """A running browser. Each page is shown in a separate window."""
 
     def __init__(self, port: int, process: int) -> None:
         self._http = f"http://127.0.0.1:{port}/json"
@@ -290,7 +290,7 @@ def _connected(address: str) -> ClientConnection:
 
 @contextlib.contextmanager
 def chromium(program: str, folder: Path, flags: Sequence[str] = ()) -> Iterator[Browser]:
-    """Run a browser with a profile of its own in `folder`; it ends with the context, and with this
+    """Run a browser with an empty profile in `folder`; it ends with the context, and with this
     process. `flags`: additional flags. Raises DriverError if the browser cannot be started."""
     marker = folder / "DevToolsActivePort"
     words = [program, *FLAGS, *flags, f"--user-data-dir={folder}", "about:blank"]

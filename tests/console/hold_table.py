@@ -70,7 +70,7 @@ STALL_S = 1.0
 
 
 class Bench(NamedTuple):
-    """Test bench of a row."""
+    """Processes and addresses for measuring the rows."""
 
     browser: Browser
     robot: RobotAndSession

@@ -64,7 +64,7 @@ class Session:
 
     @property
     def now(self) -> Snapshot:
-        """Its newest snapshot."""
+        """Newest snapshot of the session."""
         until(lambda: self._snapshot is not None, "a snapshot")
         assert self._snapshot is not None
         return self._snapshot

@@ -1,5 +1,5 @@
-"""A simulated GoFa over EGM, a session that moves it, and the console server, each in a process or
-thread of its own; and the motion of the TCP, by the controller's true joints."""
+"""A simulated GoFa over EGM, a session that moves it, and the console server, each in a separate
+process or thread; and the motion of the TCP, by the controller's true joints."""
 
 from __future__ import annotations
 

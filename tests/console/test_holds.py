@@ -17,7 +17,7 @@ from tests.waiting import until
 pytestmark = pytest.mark.matrix  # The browser draws by software.
 
 LATE_S = 1.0
-"""Tolerance for a busy computer, because in a test no program has a core of its own."""
+"""Tolerance for a busy computer, where all programs of a test share few cores."""
 WATCHED_S = 0.6
 """Time of watching after the end of a fault."""
 AGAIN_M = 0.003

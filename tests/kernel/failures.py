@@ -37,5 +37,5 @@ class AtOnce:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register it with the run's terminal."""
+    """Register the plug-in."""
     config.pluginmanager.register(AtOnce(config), "failures at once")

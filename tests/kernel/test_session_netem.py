@@ -119,7 +119,8 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
         outcome = supervise(config, SECONDS, show, go_on)
 
     assert dead, f"it never moved enough: {outcome.last.diagnosis}\n{story(bad)}"
-    # Delayed by 40 to 50 ms there and back, out of order, one datagram in 25 lost: it moves.
+    # Delayed by 40 to 50 ms in each direction, out of order, with one datagram in 25 lost: the arm
+    # moves.
     assert fastest(bad) < 1.1 * SPEED_M_S, story(bad)
     # No packet arrives any more: the session reports it, and the command is at rest.
     lost = [snapshot for snapshot in dead if snapshot.robot.link == "lost"]

@@ -33,7 +33,7 @@ def wait_for(ask: Callable[[], _T], patience_s: float = PATIENCE_S, poll_s: floa
 
 @contextmanager
 def in_a_process(peer: SimulatedPeer, most_s: float = MOST_S) -> Iterator[str]:
-    """Serve `peer` in a process of its own; yields its endpoint.
+    """Serve `peer` in a separate process; yields its endpoint.
 
     A thread would not do for calls that block this process: hidapi's libusb back end waits for the
     device with Python's global lock held.

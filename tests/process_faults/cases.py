@@ -111,7 +111,7 @@ def either(*several: Within) -> Within:
     return lambda pair: max(each(pair) for each in several)
 
 
-# -- acts -----------------------------------------------------------------------------------------
+# -- actions --------------------------------------------------------------------------------------
 
 Pid = Callable[[Lab], int]
 

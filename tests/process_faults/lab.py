@@ -1,5 +1,5 @@
-"""A robot, a device and the daemon that connects them, each in a process of its own, and the
-recorded motion of the arm."""
+"""A robot, a device and the daemon that connects them, each in a separate process, and the recorded
+motion of the arm."""
 
 from __future__ import annotations
 
@@ -221,7 +221,7 @@ class Trace:
         self.points.append(point)
 
     def read(self) -> None:
-        """Read the new rows."""
+        """Read the new samples."""
 
     def speeds(self, since_s: float, until_s: float) -> list[tuple[float, float]]:
         """For each sample of a time span, its time and the mean speed over WINDOW_S before it."""
@@ -640,7 +640,7 @@ class Lab:
         late_s = file.stat().st_mtime - newest_s
         return [f"the record ends {late_s:.1f} s before its file"] if late_s > 1.5 else []
 
-    # -- the hand ---------------------------------------------------------------------------------
+    # -- the operator device ----------------------------------------------------------------------
 
     def do(self, steps: str) -> None:
         assert self.hand is not None

@@ -350,7 +350,7 @@ def measured(cases: Sequence[Case], labs: int, file: Path | None) -> dict[str, A
 
 
 def main() -> int:
-    """Run them."""
+    """Run the cases of the command line, and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--labs", type=int, default=2, help="pairs side by side")
     parser.add_argument("--only", default="", help="cases with these words in their key (regex)")

@@ -34,7 +34,7 @@ def running(session):
 
 @pytest.fixture(scope="module")
 def domain(session):
-    """DDS domain of the session, bridged by the DDS server in a process of its own."""
+    """DDS domain of the session, bridged by a DDS server in a separate process."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
     from tests.dds_network import OPTIONS
 

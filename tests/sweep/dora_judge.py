@@ -1,7 +1,7 @@
 """dora-rs 1.1 as the judge of a sweep: `python -m tests.sweep.dora_judge [CONFIG] < PLAN`.
 
-Over Zenoh with that configuration, or over DDS. Source: Ros2Context; AMENT_PREFIX_PATH leads to the
-interfaces, ROS_DOMAIN_ID is the domain.
+With a CONFIG file over Zenoh, without one over DDS. Source: Ros2Context. AMENT_PREFIX_PATH names
+the folder of the interfaces, ROS_DOMAIN_ID the domain.
 """
 
 import json

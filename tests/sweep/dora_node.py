@@ -1,6 +1,6 @@
 """dora-rs 1.1 over Zenoh: `python -m tests.sweep.dora_node CONFIG`.
 
-Source: Ros2Context; AMENT_PREFIX_PATH leads to the interfaces.
+Source: Ros2Context. AMENT_PREFIX_PATH names the folder of the interfaces.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Third-party programs that watch and command an arm, each in a process of its own.
+"""Third-party programs that watch and command an arm, each in a separate process.
 
 Programs that `tools/ros2` installs outside of our environment run with their own Python. Neither
 environment affects the other.
@@ -65,7 +65,7 @@ def python_of(environment: str) -> Path:
 
 
 def own_environment(**more: str) -> dict[str, str]:
-    """Environment variables for a judge with a Python of its own."""
+    """Environment variables for a judge that has a separate Python."""
     return {**{name: os.environ[name] for name in INHERITED if name in os.environ}, **more}
 
 

@@ -1,4 +1,4 @@
-"""The session of the sweep, in a process of its own, and actions that make it publish on every
+"""The session of the sweep, in a separate process, and actions that make it publish on every
 topic."""
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class World:
         self.endpoint = endpoint
         options = BusOptions(router=endpoint, listen=())
         self.network = BusNetwork(options, "watcher")
-        # The driver connects to it directly, as a Zenoh session of its own.
+        # The driver connects to it directly, as a separate Zenoh session.
         self.node = BusNode(BusOptions(router=endpoint, listen=("tcp/127.0.0.1:0",)), "stick")
         self.moving = threading.Event()
         """While this is set, the arm moves to and fro, and a parameter changes."""

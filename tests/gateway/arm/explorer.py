@@ -451,7 +451,7 @@ class World:
                 elif motion is not None:
                     assert owner in (VERBS, STREAMER), f"{motion} moves for {owner!r}"
 
-    # -- actions of people and programs ----------------------------------------------------------
+    # -- actions of operators and programs -------------------------------------------------------
 
     def hand(self, pressed: bool) -> None:
         if pressed != bool(self.device.buttons):

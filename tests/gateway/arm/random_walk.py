@@ -45,7 +45,7 @@ RECOVERY_M_S = 0.05
 
 
 class Walk:
-    """A robot whose arm has a model, an operator device, verbs and streams of three owners."""
+    """A robot with an arm's model, an operator device, verbs, and streams of three sources."""
 
     def __init__(self, seed, arm, kind, authority, mapping):
         self.random = random.Random(seed)
@@ -130,7 +130,7 @@ class Walk:
                 self.q = self.verbs.servo.q.copy()
         self.v = (self.q - before) / self.period_s
 
-    # -- the promises ------------------------------------------------------------------------
+    # -- invariants --------------------------------------------------------------------------
 
     def _check(self, rested, before):
         core, command, servo = self.core, self.command, self.verbs.servo

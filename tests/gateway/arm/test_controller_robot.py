@@ -106,7 +106,7 @@ class Driven:
         return self.core.status()
 
 
-# -- a controller that starts anew -----------------------------------------------------------------
+# -- a restarted robot controller ------------------------------------------------------------------
 
 
 def test_a_new_session_while_moving_goes_on_in_a_ramp_from_the_speed_the_robot_has():
@@ -418,7 +418,7 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
     assert world.verbs.servo.twist[0] == pytest.approx((0.1, 0.0, 0.0), abs=0.01)
 
 
-# -- holding off ---------------------------------------------------------------------------------
+# -- inhibited motion ----------------------------------------------------------------------------
 
 
 def test_holding_off_brakes_each_source_and_bars_until_it_is_lifted():

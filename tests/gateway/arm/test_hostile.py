@@ -57,7 +57,7 @@ def planned_meanwhile(world, what):
     plans.line = slow
 
 
-# -- time and readings -----------------------------------------------------------------------
+# -- timing and readings ---------------------------------------------------------------------
 
 
 def test_one_state_of_no_numbers_brakes_in_a_ramp():
@@ -401,7 +401,7 @@ def test_a_new_tool_is_no_following_error():
     assert not world.verbs.servo.moving
 
 
-# -- truth -----------------------------------------------------------------------------------
+# -- correct reports -------------------------------------------------------------------------
 
 
 def test_torques_are_no_rest():
@@ -416,7 +416,7 @@ def test_torques_are_no_rest():
     assert world.verbs.controller.at_rest
 
 
-# -- a walk at random ------------------------------------------------------------------------
+# -- random walks ----------------------------------------------------------------------------
 
 MAPPINGS = (
     MappingOptions(deadman=("left",)),

@@ -102,7 +102,7 @@ def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():
     assert limits.angular_speed_rad_s == 0.5
 
 
-# -- whether robot and model fit -----------------------------------------------------------------
+# -- agreement of robot and model ----------------------------------------------------------------
 
 
 def reported(shift_m=0.0, turn_rad=0.0):
@@ -238,7 +238,7 @@ def test_an_arm_of_velocities_that_is_placed_while_it_moves_is_sent_no_step():
     assert (np.abs(sent - v) <= KINEMATICS.acceleration * DT_S + 1e-9).all()
 
 
-# -- coming back ---------------------------------------------------------------------------------
+# -- return to the robot -------------------------------------------------------------------------
 
 
 @settings(max_examples=10, suppress_health_check=list(HealthCheck))
@@ -295,7 +295,7 @@ def test_an_arm_of_velocities_that_was_pushed_away_returns_slowly_and_blind_not_
     np.testing.assert_allclose(v, -1e-4 * commanded.velocity_gain_1_s)
 
 
-# -- words ---------------------------------------------------------------------------------------
+# -- messages ------------------------------------------------------------------------------------
 
 
 def test_what_holds_the_arm_is_said():

@@ -59,7 +59,7 @@ def passed(*commands, dt_s=DT_S):
     return check
 
 
-# -- values that are not numbers ------------------------------------------------------------------
+# -- NaN and infinite values ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])
@@ -182,7 +182,7 @@ def test_a_hold_passes_and_breaks_no_comparison():
     assert check.violation(at(0.5), DT_S)
 
 
-# -- the limits to the last digit ----------------------------------------------------------------
+# -- exact limits --------------------------------------------------------------------------------
 
 FASTEST_RAD_S = 1.05 * 1.0 + 5e-3
 LONG_S = 0.01
@@ -357,7 +357,7 @@ def test_a_turn_is_measured_the_short_way_whichever_sign_its_quaternions_have():
     assert passed(at()).violation(other, DT_S) == ""
 
 
-# -- periods that are uneven ---------------------------------------------------------------------
+# -- uneven periods ------------------------------------------------------------------------------
 
 
 @given(st.lists(st.sampled_from((0.0, 0.002, 0.004, 0.005, 0.0051, 0.01, 0.02, 0.05)), min_size=2))

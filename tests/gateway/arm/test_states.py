@@ -104,7 +104,7 @@ def test_what_inhibits_for_one_tick_keeps_its_first_reason_and_what_is_said_its_
     assert inhibits_after(inhibits, "", Inhibit.WHILE_SAID) == {Inhibit.ONCE: "first"}
 
 
-# -- each machine: its transitions, and no others --------------------------------------------------
+# -- exact transitions of each machine -------------------------------------------------------------
 
 
 def facts_where(**known):
@@ -296,7 +296,7 @@ def test_rearming_without_a_button_is_rest_and_where_it_is_inhibited_to_let_go(b
     assert armed_by_rest(before, True, True) == (Arming.DISARMED, before is Arming.DEFLECTED)
 
 
-# -- messages to people ----------------------------------------------------------------------------
+# -- messages to operators -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("moving", BOTH)

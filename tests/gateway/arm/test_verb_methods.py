@@ -45,7 +45,7 @@ def same_rotation(a, b, atol=1e-5):
     return abs(abs(np.dot(a, b)) - 1.0) < atol**2 + 1e-12
 
 
-# -- where it is ---------------------------------------------------------------------------------
+# -- reported state ------------------------------------------------------------------------------
 
 
 def test_stat_is_measured_in_the_base_whatever_the_frame():

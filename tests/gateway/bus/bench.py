@@ -233,7 +233,7 @@ class Bench:
                 del self.motions[number]
                 client.ended(self._note(number, motion))
 
-    # -- the other side --------------------------------------------------------------------------
+    # -- the network side ------------------------------------------------------------------------
 
     def poll(self, after_s=1.0):
         """Run one cycle of the loop's part, `after_s` after the previous one."""

@@ -351,7 +351,7 @@ def test_no_request_to_any_service_waits_for_ever(bench):
     assert still(bench)
 
 
-# -- topics for the needs of an operator -----------------------------------------------------------
+# -- topics for operator interfaces ----------------------------------------------------------------
 
 TWIST_TOPIC = "/command/twist"
 

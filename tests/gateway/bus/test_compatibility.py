@@ -63,7 +63,7 @@ def untouched(bench):
     return verbs.at_rest and verbs.state is State.NOT_CONTROLLING and not verbs.streams.owner
 
 
-# -- a stream begins by itself, and only then ------------------------------------------------------
+# -- automatic start of a stream -------------------------------------------------------------------
 
 
 def test_the_first_type_that_arrives_is_taken_and_reported(bench):

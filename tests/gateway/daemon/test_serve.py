@@ -38,7 +38,7 @@ HERE = [0.4, 0.1, 0.4, 3.14, 0.0, 0.0]
 
 
 class Lab:
-    """A daemon in a folder of its own."""
+    """A daemon in a temporary folder."""
 
     def __init__(self, folder):
         self.folder = folder

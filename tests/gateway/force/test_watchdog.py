@@ -164,7 +164,7 @@ def test_a_device_that_cannot_be_enabled_may_become_ready_within_a_second():
     assert after_s == pytest.approx(BEGINS_WITHIN_S, abs=2 * PERIOD_S)
 
 
-# -- at the borders: times that are exact, as the clutch was pressed at zero ---------------------
+# -- exact time limits, counted from an engagement at zero ---------------------------------------
 
 LATER_S = 0.001
 

@@ -214,7 +214,7 @@ def test_a_fault_does_not_wait_for_the_jerk():
     assert smooth.linear.x == pytest.approx(0.1)
 
 
-# -- limits, and a reference that is placed --------------------------------------------------------
+# -- limits, and placing the reference -------------------------------------------------------------
 
 
 def test_the_limits_by_themselves():
@@ -287,7 +287,7 @@ def test_a_turn_alone_is_a_motion_and_so_is_a_way_alone(axis):
         assert reference.moving
 
 
-# -- how far it is ahead ---------------------------------------------------------------------------
+# -- lead of the reference -------------------------------------------------------------------------
 
 turns = st.builds(Vector3, *[st.floats(-1.7, 1.7)] * 3)
 places = st.builds(Vector3, *[st.floats(-1.0, 1.0)] * 3)

@@ -50,7 +50,7 @@ def engaged(**options):
     return bench
 
 
-# -- the law ---------------------------------------------------------------------------------------
+# -- the control law -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_clutch_and_dead_man_together_are_both_needed():
     assert close(bench.moved, (0.04, 0, 0))
 
 
-# -- causes that take the hand off, and acts that do not bring it back -----------------------------
+# -- disengaging faults, and actions that do not re-engage -----------------------------------------
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])
@@ -271,7 +271,7 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
 def test_somebody_else_may_take_the_hand_off_the_robot():
     bench = engaged().send_pose(displaced(x=0.1)).run(0.2)
     bench.core.inhibit("the force is lost", Inhibit.ONCE)
-    bench.press("button_2").run()  # In the same tick it does not re-arm.
+    bench.press("button_2").run()  # no re-arming in the same tick
     assert not bench.core.following
     assert bench.core.phase is Phase.BRAKING
     assert bench.message.startswith("stopped before: the force is lost; ")
@@ -364,7 +364,7 @@ def test_letting_go_brakes_at_the_braking_limits_and_not_as_softly_as_the_motion
     assert max(ways) - min(ways) < 2e-3
 
 
-# -- the map that forces go by ---------------------------------------------------------------------
+# -- the map of rendered forces --------------------------------------------------------------------
 
 
 def determinant(m):
@@ -440,7 +440,7 @@ def test_directions_that_no_place_of_the_hand_moves(options, still):
     assert unfollowed(MappingOptions(**options)) == still
 
 
-# -- never a step ----------------------------------------------------------------------------------
+# -- no steps --------------------------------------------------------------------------------------
 
 numbers = st.floats(-1.0, 1.0)
 actions = st.one_of(

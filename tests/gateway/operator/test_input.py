@@ -276,7 +276,7 @@ def test_only_an_armed_hand_has_faults():
     assert asked.tick(FORWARD, link=DeviceLink.LOST).fault == ""
 
 
-# -- any acts of the operator --------------------------------------------------------------------
+# -- random actions of the operator --------------------------------------------------------------
 
 ticks = st.lists(
     st.tuples(
@@ -366,7 +366,7 @@ def test_motion_of_any_kind_is_asked_for(joints, axes, asks):
     assert asked.tick(axes).asks is False
 
 
-# -- fields of a request beside the twist ----------------------------------------------------------
+# -- fields of a request besides the twist ---------------------------------------------------------
 
 BACK = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BOTH = MappingOptions(clutch="right", deadman=("left",))
@@ -436,12 +436,12 @@ def test_the_gripper_is_the_operator_s_who_drives():
     assert not mapping.gripper_closed
     asked.tick(REST, "left")
     asked.tick(REST, events=[press()])
-    assert not mapping.gripper_closed  # Armed, and the dead-man is not held.
+    assert not mapping.gripper_closed  # armed, with the dead-man's switch released
     asked.tick(REST, "left", events=[press()])
     assert mapping.gripper_closed
 
 
-# -- the hand's pose -------------------------------------------------------------------------------
+# -- the device's pose -----------------------------------------------------------------------------
 
 
 def posed(options=POSE):
@@ -786,7 +786,7 @@ def test_what_filters_say_is_reported():
     )
 
 
-# -- words -----------------------------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------------------
 
 TWO = MappingOptions(deadman=("left", "right"))
 CLUTCHES = MappingOptions(clutch="right", deadman=("left", "up"))

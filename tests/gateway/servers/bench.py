@@ -1,4 +1,4 @@
-"""A server in a thread of its own, and a plain rosbridge client."""
+"""A server in a separate thread, and a plain rosbridge client."""
 
 from __future__ import annotations
 

@@ -237,7 +237,7 @@ def test_garbage_and_what_is_too_long_is_refused(target, monkeypatch, data):
         assert comes_in(target, running)
 
 
-# -- slow and many --------------------------------------------------------------------------------
+# -- slow clients and many clients ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("begun", [b"", b"GET / HTTP/1.1\r\nHost: loc"])

@@ -385,7 +385,8 @@ def test_roslib_2(world, serving):
 
 
 def test_what_lichtblick_does_when_it_connects(world):
-    """lichtblick-suite : packages/suite-base/src/players/RosbridgePlayer.ts, step by step."""
+    """Connect like lichtblick-suite (packages/suite-base/src/players/RosbridgePlayer.ts), step by
+    step."""
     network = world.network
     with rosbridge(network) as running, plain_client(running) as client:
         answer = client.call("rosapi/topics_and_raw_types", {})["values"]

@@ -134,7 +134,7 @@ def test_where_it_serves_is_an_address_that_clients_can_open():
     assert WebOptions(host="::1", certificate="c", key="k").endpoint(9) == "wss://[::1]:9"
 
 
-# -- tokens that are made -------------------------------------------------------------------------
+# -- generated tokens -----------------------------------------------------------------------------
 
 
 def away(**options):

@@ -135,8 +135,8 @@ def test_a_line_through_the_wrist_singularity_passes(policy):
         ideal = pin.exp3(turn * speed * progress / length) @ start.rotation
         offset_m = max(offset_m, float(np.linalg.norm(here.translation - on_line)))
         offset_rad = max(offset_rad, float(np.linalg.norm(pin.log3(ideal.T @ here.rotation))))
-    assert progress * speed >= length  # passed
-    assert smallest < 1e-3  # it is one
+    assert progress * speed >= length  # the line was completed
+    assert smallest < 1e-3  # through a singularity
     assert offset_m < 3e-3
     assert offset_rad < math.radians(1.0)
 
@@ -151,7 +151,7 @@ def test_holding_the_line_stops_at_the_end_of_reach_and_comes_back():
     across = there - outward * (there @ outward)
     assert np.linalg.norm(across) < 1e-3
     assert drive.servo.path_speed < 0.1
-    assert drive.error[0] < 5e-3  # nothing wound up
+    assert drive.error[0] < 5e-3  # no error accumulated
     drive.run(-0.1 * outward, 1.0)
     back = (drive.servo.placement.translation - start) @ outward
     assert there @ outward - back > 0.075
@@ -251,7 +251,7 @@ def test_nothing_is_pushed_away_from_an_obstacle_that_nobody_moves_at():
     obstacle = drive.servo.collision.solids[-1]
     wider = servo(obstacles=(Obstacle("wall", obstacle.shape),), safety_distance_m=0.05)
     wider.place(near)
-    drive = Drive(wider)  # suddenly too near
+    drive = Drive(wider)  # an obstacle that is suddenly too near
     drive.run((0, 0, 0), 0.5)
     assert drive.servo.q == pytest.approx(near, abs=1e-6)
 
@@ -331,7 +331,7 @@ def test_a_soft_neck_of_three_tendons_leans_as_asked_and_stays_relaxed():
     shape = neck.shape(made.q)
     assert shape.inclination_rad == pytest.approx(math.hypot(0.1, 0.05) * 2.0, rel=0.05)
     assert abs(shape.co_contraction_m) < 3e-4
-    assert made.status().unreachable_rad_s > 0.15  # it cannot turn about its own axis
+    assert made.status().unreachable_rad_s > 0.15  # the neck cannot turn about its own axis
 
 
 def test_joint_rates_add_to_the_twist():

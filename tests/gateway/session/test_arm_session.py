@@ -88,7 +88,7 @@ class Run:
         return np.array([c.positions for c in self.commands if isinstance(c, JointCommand)])
 
     def on(self, robot):
-        """The same session on another robot."""
+        """Continue the session on another robot."""
         self.robot.close()
         self.robot = robot
         self.arm = self.core.commanded = make_arm(self.config, robot)
@@ -139,7 +139,7 @@ def test_a_wall_is_kept_clear_of_and_said():
     assert 0.009 < status.arm.distance_m < 0.0105
     assert "wall" in status.arm.nearest_pair
     assert any("wall" in words for words in status.arm.in_words())
-    assert status.lead_used < 0.2  # nothing wound up
+    assert status.lead_used < 0.2  # no lead accumulated
     back = run.go(0.5, (-1.0, 0, 0, 0, 0, 0))
     assert back[0] < -0.04
 

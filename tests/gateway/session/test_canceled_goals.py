@@ -1,5 +1,5 @@
-"""A goal with its cancellation right behind it, and a client that leaves right after its goal, with
-a session in a process of its own: over Zenoh, DDS and rosbridge."""
+"""A goal followed at once by its cancellation, and a client that leaves right after its goal, with
+a session in a separate process: over Zenoh, DDS and rosbridge."""
 
 from __future__ import annotations
 

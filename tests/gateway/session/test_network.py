@@ -1,4 +1,4 @@
-"""A session in a process of its own, moved over the network by ROS 2 interfaces."""
+"""A session in a separate process, moved over the network by ROS 2 interfaces."""
 
 import itertools
 import json
@@ -438,7 +438,7 @@ def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
     assert reported["result"][1] == {"success": True, "message": ""}
 
 
-# -- a publisher that dies ------------------------------------------------------------------------
+# -- a publisher that is killed -------------------------------------------------------------------
 
 
 STATUS = f"{ARM}/state/status"

@@ -1,4 +1,4 @@
-"""A session in a process of its own, moved by verbs and by an operator device."""
+"""A session in a separate process, moved by verbs and by an operator device."""
 
 import io
 import math
@@ -49,7 +49,7 @@ QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}
 TIMEOUT_S = WITHIN_S
 HEARTBEAT_S = 0.5
 BRAKING_S = 0.3
-"""From 0.25 m/s at 1 m/s²."""
+"""Braking time from 0.25 m/s at 1 m/s²."""
 
 TABLE = {
     "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal", "period_s": 0.008},
@@ -86,7 +86,7 @@ class Hand(OperatorDevice):
         """Always connected."""
 
     def close(self):
-        """Nothing to close."""
+        """No resource to close."""
 
     def diagnosis(self):
         return ()
@@ -263,7 +263,7 @@ def test_a_session_that_verbs_cannot_move_is_refused_at_once():
         session_arm(parse_config(TABLE), source="device")
 
 
-# -- in a process of its own ----------------------------------------------------------------------
+# -- in a separate process ------------------------------------------------------------------------
 
 
 def test_verbs_streams_and_stop_on_the_simulated_arm():
@@ -333,7 +333,7 @@ def test_a_session_that_dies_ends_motions_and_requests(monkeypatch):
         arm.stop()
 
 
-# -- the supervising process stops ----------------------------------------------------------------
+# -- pauses of the supervising process ------------------------------------------------------------
 
 PROGRAM = """
 import sys

@@ -76,7 +76,7 @@ def test_what_its_program_has_frozen_stays_so(fake_drivers):
 def test_gripper_on_an_analog_output(fake_drivers):
     s = session(gripper={"output": 2, "closed_value": 7.5}, **FEW)
     s.run()
-    # what the program gets in the other outputs stays
+    # the program's value for the other outputs is kept
     assert s.robot.outputs == [(None, (7.0, 0.0, 7.5))]
 
 

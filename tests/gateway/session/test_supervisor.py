@@ -1,4 +1,4 @@
-"""A session in a process of its own: start, reports, stop, and detection of its death."""
+"""A session in a separate process: start, reports, stop, and detection of its death."""
 
 import dataclasses
 import errno

@@ -325,7 +325,7 @@ def test_a_camera_is_called_by_its_name_and_never_by_what_is_secret():
     assert parse_camera("/dev/video0") == ("video0", "/dev/video0")
 
 
-# -- a device of this machine ------------------------------------------------------------------
+# -- a camera of this computer -----------------------------------------------------------------
 
 
 class Driver:

@@ -481,7 +481,7 @@ def test_the_driver_of_joy_reads_a_pad_as_it_is_held():
     assert (z, yaw) == (-pad.right_down, -pad.right_right)
 
 
-# -- orders ---------------------------------------------------------------------------------------
+# -- commands -------------------------------------------------------------------------------------
 
 
 def test_orders_are_those_of_the_command_line(page, monkeypatch, tmp_path):
@@ -512,7 +512,7 @@ def test_without_a_daemon_it_says_so(page, monkeypatch, tmp_path):
     assert "no daemon runs here" in page.refused("cardan.daemon", do="list")
 
 
-# -- asking for the authority ---------------------------------------------------------------------
+# -- requests for authority -----------------------------------------------------------------------
 
 REQUESTS, REQUEST = f"{ARM}/authority/request", "cardan_msgs/msg/AuthorityRequest"
 
