@@ -85,12 +85,12 @@ class Person:
         self, address: str, folder: Path, say: _Say, over: threading.Event, still_s: float = STILL_S
     ) -> None:
         self.done: list[str] = []
-        """Steps that succeeded."""
+        """Completed steps."""
         self._address, self._folder, self._say, self._over = address, folder, say, over
         self._still_s = still_s
         self._failed = ""
         self._shown = ""
-        """The page's own reason why nothing moved when the time was over."""
+        """Reason for no motion that the page showed when the time was over."""
 
     def problems(self) -> list[str]:
         """List the steps that failed."""

@@ -37,7 +37,7 @@ STEP_S: Final = 30.0
 """Longest time for one thing to happen: 5 s, on a computer with nothing else to do."""
 
 STEPS: Final = 12
-"""Number of steps."""
+"""Number of steps of the test."""
 
 UNPLUGGED_S: Final = 1.5
 """Time for which a device stays unplugged."""

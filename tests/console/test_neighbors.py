@@ -64,7 +64,7 @@ PURPLE = """
   return found;
 })
 """
-"""Pixels of a picture in a neighbor's color, relative to the corner of a section of it."""
+"""JavaScript function that returns the pixels in a neighbor's color, in a section of a picture."""
 
 
 class Neighbor:

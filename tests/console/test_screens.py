@@ -32,7 +32,7 @@ def address(built, tmp_path_factory):
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_the_page_looks_as_its_picture_does(address, browser, name):
-    """After an intended change: make console-pictures."""
+    """If the change of the page is intended, run `make console-pictures`."""
     stored = (FOLDER / f"{name}.webp").read_bytes()
     with shown(browser, address, SCREENS[name]) as page:
         left_out, picture = masks(page), page.picture()

@@ -76,7 +76,7 @@ def wait(ask: Callable[[], _T]) -> _T:
 
 
 def overlay(folder: Path, scratch: Path) -> None:
-    """Make `folder` writable on this computer, and readable by every user."""
+    """Make `folder` writable on this computer, and accessible to every user."""
     place = scratch / str(folder).strip("/").replace("/", "-")
     for name in ("upper", "work"):
         (place / name).mkdir(parents=True)

@@ -1,6 +1,7 @@
-"""The service under systemd as the computer's first process:
+"""The service under systemd as the computer's first process: reloads, and all ways in which a
+process dies.
 
-reloads, and all ways in which a process dies. Takes minutes in the emulator: `make test-systemd`.
+These tests take minutes in the emulator: `make test-systemd`.
 """
 
 from __future__ import annotations

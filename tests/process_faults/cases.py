@@ -36,7 +36,8 @@ from tests.process_faults.lab import (
 )
 
 BEAT_S = 0.6
-"""Silence of the supervisor after which a session brakes, with the period of its heartbeat."""
+"""Longest time from the supervisor's silence until a session brakes, including the period of its
+heartbeat."""
 GONE_S = 0.1
 """Time until a session notices that its supervisor has ended: the period of its snapshots."""
 STALE_S = 0.3

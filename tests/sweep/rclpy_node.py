@@ -1,6 +1,6 @@
-"""A node of a real rclpy, run by the Python of `tools/ros2`:
+"""A node of a real rclpy, run by the Python of `tools/ros2`: `python rclpy_node.py NAME`.
 
-`python rclpy_node.py NAME`. It has the environment of ROS 2, and none of our packages.
+It has the environment of ROS 2, and none of our packages.
 """
 
 import contextlib

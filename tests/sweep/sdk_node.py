@@ -1,7 +1,6 @@
-"""zenoh-ros2-sdk, run by the Python of `tools/ros2`:
+"""zenoh-ros2-sdk, run by the Python of `tools/ros2`: `python sdk_node.py PORT DEFINITIONS`.
 
-`python sdk_node.py PORT DEFINITIONS`. It connects to a session at that port. Definitions come from
-a folder, or by git from the internet.
+It connects to a session at that port. Definitions come from a folder, or by git from the internet.
 """
 
 import dataclasses

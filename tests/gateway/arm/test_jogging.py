@@ -200,7 +200,7 @@ def test_a_resting_pose_stream_may_be_silent():
 
 
 def test_a_senders_clock_that_is_set_back_is_believed_again_within_a_minute():
-    """Until then the command seems to have waited for an hour, and is refused like one that did."""
+    """Until then each command seems to be an hour old, and is refused."""
     world = streaming("pose")
 
     def asked(stamp_s):

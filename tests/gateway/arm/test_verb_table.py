@@ -29,7 +29,7 @@ def test_an_arm_has_the_verbs_of_the_table_and_no_others():
 
 @pytest.mark.parametrize("name", sorted(VERB_TABLE.keys() - SEQUENCED - {"wait"}))
 def test_each_verb_is_a_method_that_takes_what_the_table_says(name):
-    """All except `wait`, which the verb server implements."""
+    """The verb `wait` is left out, because the verb server implements it."""
     verb = VERB_TABLE[name]
     named = [*inspect.signature(getattr(ArmVerbs, verb.name)).parameters][1:]
     assert ("source" in named) is (verb.changes or verb.name == "stop")

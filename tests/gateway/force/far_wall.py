@@ -73,9 +73,9 @@ def press(
     wall_n_m=WALL_N_M,
     seed=1,
 ):
-    """Move the hand's desired place to `wanted(now_s)`. Each direction has `delay_s` and the other
-    faults; from `cut_s` on no packet arrives. Without `passive`, each new force is rendered as it
-    arrives, until the next one."""
+    """Simulate a hand whose desired place is `wanted(now_s)`; return the states. Each direction of
+    the link has `delay_s` and the other faults; from `cut_s` on no packet arrives. Without
+    `passive`, each force is rendered until the next one arrives."""
     chosen = random.Random(seed)
     there, back = (Way(delay_s, jitter_s, loss, stalls, chosen) for _ in range(2))
     far, port = FarPort(), DevicePort()

@@ -82,7 +82,7 @@ def test_a_link_that_is_cut_lets_the_force_fade_in_bounded_time(delay_s):
 
 
 def test_a_hand_that_is_torn_out_is_not_thrown_after():
-    """Like a hand that releases the stylus: nothing resists the force any more."""
+    """The stylus is pulled away, after which nothing resists the force."""
 
     def away(now_s):
         return into_the_wall(now_s) if now_s < 3.0 else 0.03
@@ -156,7 +156,8 @@ def test_how_much_is_left_of_a_force(silent_s, round_s, left):
 
 @pytest.mark.parametrize(("toward_m", "gained"), [(-0.01, 0.0), (0.01, -1.0)])
 def test_of_a_stall_the_hand_is_owed_nothing_and_has_what_it_was_given(toward_m, gained):
-    """A device that was released by itself may have fallen silent long before its motion."""
+    """Motion during a gap may only reduce the energy budget, because the device may have stopped
+    its force long before it moved."""
     port, now_s = DevicePort(), 0.0
     asked = Vector3(0.0, 0.0, 1.0)
     for _ in range(200):

@@ -107,7 +107,7 @@ def test_whole_turns_are_added_to_be_near_but_never_beyond_a_limit():
 
 @pytest.mark.parametrize("name", ["pr2_left_arm", "pr2_right_arm"])
 def test_no_rounding_turns_a_joint_away_from_its_end(name):
-    """This joint's range is more than half a turn and less than a whole one."""
+    """The joint's range is more than half a turn and less than a whole one."""
     kinematics, roll = arm(name), 2
     for end, near in (("lower", "upper"), ("upper", "lower")):
         q, other = (np.array(kinematics.arm.home) for _ in range(2))

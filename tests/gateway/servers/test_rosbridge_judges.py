@@ -342,7 +342,7 @@ async function own() {
 
 @pytest.fixture(params=[False, True], ids=["plain", "compressed"])
 def serving(request, world):
-    """With and without permessage-deflate, which Node offers."""
+    """The server with and without permessage-deflate, which Node's client offers."""
     with rosbridge(world.network, compress=request.param) as running:
         yield running
 

@@ -27,7 +27,7 @@ ACCELERATION = 15.0
 
 @pytest.fixture(autouse=True, params=[Servo, CompiledServo], ids=["python", "compiled"])
 def kind(request, monkeypatch):
-    """Run every test with both servos."""
+    """Run every test with the servo in Python and with the compiled one."""
     monkeypatch.setattr(f"{__name__}.Kind", request.param)
     return request.param
 

@@ -1,4 +1,5 @@
-"""A session's device is opened by its owner in a thread, outside of the loop."""
+"""The lease of a shared device, which opens and closes it in a thread outside of the session's
+loop."""
 
 import threading
 

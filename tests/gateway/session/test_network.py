@@ -447,7 +447,8 @@ RESTS = "disarmed", "holding"
 
 
 def streamed_and_killed(user):
-    """Let another node stream twists and kill it while the arm moves; return the time of that."""
+    """Let another node stream twists, kill it while the arm moves, and return the time of the
+    kill."""
     assert user.set("preset_streaming_cmd", "twist")["successful"]
     script = f"""
 import select, sys, time

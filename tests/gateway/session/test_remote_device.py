@@ -21,7 +21,7 @@ pytestmark = [
 ]
 
 ROBOT = "GP8, MotoROS velocity"
-"""A robot without lag."""
+"""Pair of robot and driver that executes commands without lag."""
 SPEED_M_S = 0.1
 MAX_AGE_S = 0.15
 BRAKES_S = 0.2

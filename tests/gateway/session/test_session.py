@@ -1,4 +1,4 @@
-"""The loop: its calls of the drivers, and its own reports."""
+"""A session's control loop: its calls of the drivers, and its reports."""
 
 import dataclasses
 import gc

@@ -25,7 +25,7 @@ ROBOT = RobotState(1.0, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
 
 
 def moving(linear=ZERO3, angular=ZERO3, limits=LIMITS):
-    """An arm in task space at that speed, and its reference."""
+    """An arm in task space at these velocities, and its reference."""
     commanded, reference = TaskSpaceArm(limits), Reference(limits)
     commanded.place(ROBOT)
     reference.place(commanded.pose)

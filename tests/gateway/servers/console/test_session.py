@@ -67,7 +67,7 @@ class Watcher(threading.Thread):
 
 
 def held(page, watcher, seen=lambda: True):
-    """Hold until the arm moves and the page shows that."""
+    """Hold until the arm moves and `seen()` is true."""
     page.jog(False)
     end_s = time.monotonic() + WAIT_S
     while not (watcher.status and watcher.status["moving"] and seen()):
