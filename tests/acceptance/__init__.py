@@ -1,1 +1,2 @@
-"""Acceptance tests: programs use all of Cardan as its users do, by page, by rosbridge, in a lab."""
+"""Acceptance tests: programs use the whole of Cardan as users do, through the console page, through
+rosbridge and in a lab."""

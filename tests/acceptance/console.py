@@ -1,5 +1,5 @@
-"""A person at the console's page, played by a program with a real browser: it holds a jog button,
-previews a goal and goes there, and takes pictures of the page."""
+"""Simulated user of the console page, in a real browser: holds a jog button, previews a goal, moves
+the arm there, and takes pictures of the page."""
 
 from __future__ import annotations
 
@@ -21,44 +21,45 @@ from cardan.gateway.session.with_server import with_server
 from tests.console.browser import Tab, chromium
 
 WIDE, NARROW = (1120, 720), (360, 740)
-"""CSS pixels of the screens: a notebook's, and a small phone's."""
+"""Screen sizes in CSS pixels: a notebook and a small phone."""
 
 JOGGED_MM = 40.0
-"""How far a jog button is held at least."""
+"""Least distance of a jog while its button is held."""
 
 RAISED_MM = 60.0
-"""From where the arm is then to the goal: upwards, where nothing is in the way."""
+"""Upward distance from the arm's pose to the goal; this space is free of obstacles."""
 
 MISSED_MM = 2.0
-"""How far from its goal an arm may come to rest: the page releases it once it is within 0.5 mm."""
+"""Allowed distance between the arm at rest and its goal: the page releases the arm once it is
+within 0.5 mm."""
 
 REST_S = 30.0
 """Longest time from the end of a hold until the page shows that the arm rests."""
 
 LOOK_S = 0.05
-"""How often the page is looked at while something is held."""
+"""Period of looking at the page during a hold."""
 
 SETTLED_S = 0.5
-"""An arm whose position is the same after so long is at rest."""
+"""An arm whose position has not changed for this time is at rest."""
 
 STILL_S = 2.0
-"""Before a picture is taken: without a graphics card the page draws the arm finely once it has
-been at rest for a while."""
+"""Wait before a picture is taken: without a graphics card the page draws the arm finely only after
+some time at rest."""
 
 _Say = Callable[[str], None]
 
 
 class OverError(Exception):
-    """The session's time is over, or it has ended."""
+    """The session has ended, or its time is over."""
 
 
 def use_console(
     browser: str, folder: Path, seconds: float, say: _Say = print, still_s: float = STILL_S
 ) -> tuple[Snapshot, list[str]]:
-    """Run the example of the console, and the person at its page with the program `browser`, until
-    all is done there, for `seconds` at most; `say` is told what happens. Pictures of the page go to
-    `folder`, each `still_s` after the page shows its motive. Gives the session's last snapshot, and
-    what was not as it should be."""
+    """Run the console example and a user of its page in the program `browser`, for at most
+    `seconds`. `say` receives progress messages. Pictures of the page are written to `folder`, each
+    `still_s` after the page shows its subject. Returns the session's last snapshot and a list of
+    problems."""
     with simulated_hardware(choose_demo("console"), seconds) as (config, _):
         assert config.network is not None
         with with_server("console", config.network, "127.0.0.1", 0) as server, Pauses() as pauses:
@@ -84,12 +85,12 @@ class Person:
         self, address: str, folder: Path, say: _Say, over: threading.Event, still_s: float = STILL_S
     ) -> None:
         self.done: list[str] = []
-        """Steps that succeeded."""
+        """Completed steps."""
         self._address, self._folder, self._say, self._over = address, folder, say, over
         self._still_s = still_s
         self._failed = ""
         self._shown = ""
-        """The page's own line about why nothing moves, when the time was over."""
+        """Reason for no motion that the page showed when the time was over."""
 
     def problems(self) -> list[str]:
         """List the steps that failed."""
@@ -99,7 +100,7 @@ class Person:
         return [f"at the page the arm was never {each}; it says: {self._shown}" for each in missing]
 
     def work(self, browser: str) -> None:
-        """Open the page, and do all that is to be done at it."""
+        """Open the page and carry out all steps."""
         try:
             with (
                 tempfile.TemporaryDirectory(
@@ -125,8 +126,8 @@ class Person:
         self._look_around(tab)
 
     def _jog(self, tab: Tab) -> None:
-        """Hold X+ until the arm has gone its way; a computer with other work to do ends a hold
-        rightly now and then, and it is begun anew."""
+        """Hold X+ until the arm has moved far enough. A busy computer sometimes ends a hold,
+        correctly; the hold is then repeated."""
         tab.click("#tab-move")
         tab.value("document.activeElement.blur()")
         began = self._position(tab)
@@ -142,7 +143,7 @@ class Person:
         self._rest(tab)
 
     def _go(self, tab: Tab) -> None:
-        """Preview a goal, and hold what goes there until the arm has arrived."""
+        """Preview a goal, and hold its button until the arm has arrived."""
         tab.click("#tab-goal")
         x, y, z = self._position(tab)
         goal = (x, y, z + RAISED_MM)
@@ -164,12 +165,12 @@ class Person:
             self._rest(tab)
             missed = math.dist(goal, self._position(tab))
             self._say(f"it was held until the arm was there, and rests {missed:.1f} mm from it")
-            # A page that sees late lets go late: it is held again then.
+            # A page that gets reports late releases late; hold the button again in that case.
             if missed <= MISSED_MM:
                 self.done.append("at the goal")
 
     def _look_around(self, tab: Tab) -> None:
-        """Pictures of the other parts, and of the page on a phone."""
+        """Take pictures of the other panels, and of the page on a phone."""
         tab.click(".enable")
         for word in ("plots", "device", "setup"):
             tab.click(f"#tab-{word}")
@@ -179,7 +180,7 @@ class Person:
         self._photograph(tab, "phone")
 
     def _hold(self, tab: Tab, selector: str, enough: Callable[[], bool], picture: str = "") -> None:
-        """Press a control until it is enough; the picture, if one is named, is of the motion."""
+        """Hold a control until `enough()`; take `picture`, if it has a name, during the motion."""
         while not enough():
             self._check_time()
             self._enable(tab)
@@ -206,7 +207,7 @@ class Person:
         self._wait(tab, "document.body.dataset.state !== 'watching'")
 
     def _rest(self, tab: Tab) -> None:
-        """See that the arm is at rest soon, and stays where it is."""
+        """Check that the arm soon comes to rest and stays there."""
         end_s = time.monotonic() + REST_S
         before = self._position(tab)
         while time.monotonic() < end_s:
@@ -220,7 +221,7 @@ class Person:
         raise DriverError(f"the arm moved on for {REST_S:g} s after it was let go of")
 
     def _position(self, tab: Tab) -> tuple[float, float, float]:
-        """Where the TCP is, by what the page shows (mm)."""
+        """TCP position that the page shows, mm."""
         words = str(tab.value("document.querySelector('.readout').textContent")).split()
         try:
             x, y, z = (float(words[words.index(axis) + 1]) for axis in ("X", "Y", "Z"))

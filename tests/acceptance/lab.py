@@ -1,9 +1,9 @@
 """Acceptance test of a lab of four arms and three devices.
 
-The simulated devices and robots, and `cardan daemon run` with the lab's file, are processes as any
-other program would start them. This module does from outside the work of the lab's users: it
-unplugs a device and plugs it in again, kills a session, changes a key of the file, passes a device
-on. It judges the result by the published state.
+The simulated devices and robots, and `cardan daemon run` with the lab's file, run as processes,
+started as any other program would start them. This module does the work of the lab's users from
+outside: it unplugs a device and plugs it in again, kills a session, changes a key of the file, and
+passes a device on. It judges the result by the published state.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ STEP_S: Final = 30.0
 """Longest time for one thing to happen: 5 s, on a computer with nothing else to do."""
 
 STEPS: Final = 12
-"""How many there are."""
+"""Number of steps of the test."""
 
 UNPLUGGED_S: Final = 1.5
-"""How long a device stays away."""
+"""Time for which a device stays unplugged."""
 
 MOVED_M: Final = 0.01
 """Least motion of each arm's TCP: a stroke is 4 cm."""
@@ -49,11 +49,11 @@ STOOD_M: Final = 0.001
 """Greatest motion of the TCP of an arm at rest: noise of its encoders."""
 
 SETTLES_S: Final = 1.0
-"""Time until a disarmed arm is where it was told to stop, to some 0.1 mm: the position law of EGM
-comes nearer by two thirds in 0.3 s, from 2 mm."""
+"""Time until a disarmed arm has settled within about 0.1 mm: the position law of EGM removes two
+thirds of an error of 2 mm in 0.3 s."""
 
 LIFT_M: Final = 0.05
-"""How far the verb moves its arm."""
+"""Distance of the motion that the verb commands."""
 
 SLOWER: Final = 0.8
 """Factor that the changed configuration applies to a speed."""
@@ -63,26 +63,26 @@ class Roles(NamedTuple):
     """Session or device of each role."""
 
     unplugged: str
-    """Its device is unplugged, and plugged in again."""
+    """The session whose device is unplugged and plugged in again."""
     device: str
-    """That device."""
+    """The device that is unplugged."""
     killed: str
-    """It has another device for itself, and its process is killed."""
+    """The session whose process is killed; it does not share its device."""
     shared: str
     """A device that two sessions share."""
     first: str
-    """The one that begins with it, and whose configuration is changed."""
+    """The session that has the shared device first, and whose configuration is changed."""
     second: str
-    """The one that gets it; until then verbs move its arm."""
+    """The session that gets the shared device later; until then verbs move its arm."""
 
 
 class NotSeenError(Exception):
-    """Something did not happen in time."""
+    """An expected event did not happen in time."""
 
 
 def live_in_lab(say: Callable[[str], None] = print) -> list[str]:
-    """Run the lab's example until all has happened; `say` is told what happens. Gives what was not
-    as it should be."""
+    """Run the lab example through all steps; `say` receives progress messages. Returns a list of
+    problems."""
     demo, problems = choose_demo("lab"), []
     with (
         simulated_lab(demo, STEPS * STEP_S) as (peers, config, daemon),
@@ -101,7 +101,7 @@ def live_in_lab(say: Callable[[str], None] = print) -> list[str]:
 
 
 class Hardware:
-    """Simulated hardware of the lab, and its file."""
+    """Simulated hardware of the lab, and the lab's file."""
 
     def __init__(self, demo: Demo, peers: Peers, config: DaemonConfig) -> None:
         self.sessions = tuple(config.sessions)
@@ -117,14 +117,14 @@ class Hardware:
         self._peers.start(self._of(device))
 
     def change(self, session: str) -> None:
-        """Make the hand of a session slower, in the lab's file."""
+        """Lower the speed of a session's operator device in the lab's file."""
         (table,) = (each for each in self._peers.tables["sessions"] if each["name"] == session)
         speed_m_s = table["mapping"]["linear_speed_m_s"]
         table["mapping"]["linear_speed_m_s"] = round(speed_m_s * SLOWER, 6)
         write_lab(self._peers)
 
     def _of(self, device: str) -> int:
-        """The command that stands in for a device: the one that has its path."""
+        """Index of the command that simulates a device, found by the device's path."""
         path = self._peers.tables["devices"][device]["path"]
         return next(
             index
@@ -154,18 +154,18 @@ class Arm:
     def __init__(self) -> None:
         self.row: view.Row = {}
         self.first: list[float] = []
-        """Position at first, m."""
+        """Initial position of the TCP, m."""
         self.moved_m = 0.0
-        """How far it has been from there, at most."""
+        """Largest distance from the initial position so far, m."""
         self.moved_by: set[str] = set()
         self.error_max_m = 0.0
         self.phases: list[str] = []
-        """Of the process that runs now."""
+        """Phases of the process that runs now."""
         self.trips = 0
 
     @property
     def position(self) -> list[float]:
-        """Of the TCP, m; empty: not known."""
+        """Position of the TCP, m; empty if unknown."""
         snapshot = self.row["snapshot"]
         pose: list[float] = [] if snapshot is None else snapshot["robot"]["pose"]
         return pose[:3]
@@ -189,7 +189,7 @@ class Arm:
 
 
 class Lab:
-    """The lab while it runs: what its people do, and what is seen."""
+    """The running lab: actions of its users, and its observed state."""
 
     def __init__(
         self, hardware: Hardware, socket: str, client: ControlClient, say: Callable[[str], None]
@@ -199,13 +199,13 @@ class Lab:
         self._arms = {name: Arm() for name in hardware.sessions}
         self._pids: set[int] = set()
         self._parked: dict[str, list[float]] = {}
-        """Arms that must stand, by session, and where they do."""
+        """Arms that must not move: position by session."""
         self._done: list[str] = []
 
     # -- events ----------------------------------------------------------------------------------
 
     def perform(self) -> None:
-        """All of it."""
+        """Carry out all steps."""
         roles, arms = self._hardware.roles, self._arms
         self._until(
             f"all {len(arms)} robots are there",
@@ -245,14 +245,16 @@ class Lab:
                 if motions and not motions[-1].over:
                     return False
                 if not motions or motions[-1].outcome is not Outcome.DONE:
-                    # A busy computer brakes arms now and then: asked again, it goes on.
+                    # A busy computer sometimes brakes the arm; a second request completes the
+                    # motion.
                     with contextlib.suppress(MotionRefusedError):
                         motions.append(arm.movl(pose))
                     return False
                 return True
 
             self._until(f"the verb has moved {name}", moved)
-            with contextlib.suppress(MotionLoopError):  # It is told, if late.
+            # The session carries out a release even if its response is late.
+            with contextlib.suppress(MotionLoopError):
                 arm.release()
 
     def _unplug(self, name: str, device: str) -> None:
@@ -291,7 +293,7 @@ class Lab:
         arm = self._arms[name]
         self._until(f"{name} comes back", lambda: arm.row["pid"] not in (pid, None))
         self._until(f"{name} moves again", lambda: arm.row["phase"] == "moving")
-        # It was there, and disarmed, before it was armed.
+        # The new process must report "disarmed" before it is armed.
         before = arm.phases[: next(i for i, each in enumerate(arm.phases) if each in ENGAGED)]
         if "disarmed" not in before:
             self.problems.append(f"{name} came back armed: {', '.join(arm.phases)}")
@@ -343,7 +345,8 @@ class Lab:
                 self._arms[row["name"]].take(row)
         for name, where in self._parked.items():
             arm = self._arms[name]
-            # On a busy computer the row that has the device again may have it armed already.
+            # On a busy computer, the first row that has the device again may already have the arm
+            # armed.
             if _live(arm):
                 continue
             if arm.row["phase"] in ENGAGED or math.dist(where, arm.position) > STOOD_M:
@@ -352,7 +355,7 @@ class Lab:
                 break
 
     def left_behind(self, folder: Path) -> list[str]:
-        """List files and processes left after the end, and the errors of each arm."""
+        """List files and processes that are left after the end, and the errors of each arm."""
         found = [
             f"{name} was {1e3 * arm.error_max_m:.0f} mm away from its reference"
             for name, arm in self._arms.items()
@@ -377,7 +380,7 @@ class Lab:
 
 
 def _armed_by_plugging(events: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether the arm was armed after its device had gone and before it was there again."""
+    """True if the arm was armed between the loss of its device and its return."""
     order = [(each["event"], each["what"]) for each in events]
     gone = max((i for i, each in enumerate(order) if each == ("device", "lost")), default=0)
     until_back = itertools.takewhile(lambda each: each != ("device", "live"), order[gone:])
@@ -393,6 +396,6 @@ def _runs(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:  # Another user's process with the same id.
+    except PermissionError:  # The id belongs to another user's process.
         return False
     return True

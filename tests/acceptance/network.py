@@ -1,5 +1,5 @@
-"""On the network a program at rosbridge moves the arm of a session, and the session is recorded.
-The record is put through the control core, and onto the network once more."""
+"""Network acceptance test: a rosbridge client moves a session's arm, and the session is recorded.
+The record is then replayed through the control core, and published on the network."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from cardan.gateway.session.supervisor import SessionExit, supervise
 from tests.acceptance.rosbridge_program import RosbridgeProgram, Vector
 
 BEFORE_AND_AFTER_S = 3.0
-"""Part of the session's time that the program leaves for the arm to be seen, and to be stopped."""
+"""Part of the session's time that the client leaves for discovering the arm and for stopping it."""
 
 MOVED_M = 0.02
 """Least motion of the TCP."""
 
 REPLAY_RATE = 4.0
-"""How much faster than the session its record is shown on the network."""
+"""Speed at which the record is published, relative to the session."""
 
 REPLAY_WITHIN_S = 120.0
-"""Longest time for a replay through the control core, which is faster than the session was."""
+"""Longest time for a replay through the control core, which runs faster than real time."""
 
 SEEN_SHARE = 0.9
-"""Share of the poses that the program has to see again: a busy server leaves some out."""
+"""Share of the poses that the client must receive again: a busy server drops some."""
 
 _Say = Callable[[str], None]
 
 
 def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[str]:
-    """Run the network's example for `seconds`, with all that belongs to it; `say` is told what
-    happens. The record goes to `folder`. Gives what was not as it should be."""
+    """Run the network example for `seconds`, with its server, client and recorder; `say` receives
+    progress messages. The record is written to `folder`. Returns a list of problems."""
     path = folder / "session.mcap"
     with simulated_hardware(choose_demo("ros2"), seconds) as (config, _):
         network = config.network
@@ -78,7 +78,7 @@ def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[
 def _with_program(
     program: RosbridgeProgram, seconds: float, run: Callable[[], SessionExit]
 ) -> tuple[SessionExit, list[str]]:
-    """Run the session, and the program beside it."""
+    """Run the session, and the rosbridge client in a thread."""
     problems: list[str] = []
     over = threading.Event()
 
@@ -118,7 +118,8 @@ def _check_program(program: RosbridgeProgram) -> list[str]:
 def _check_record(
     recorder: CardanSubprocess, path: Path, outcome: SessionExit, say: _Say
 ) -> list[str]:
-    """Whether the record is complete, and the control core gives the same commands again."""
+    """Check that the record is complete and that the control core computes the same commands from
+    it."""
     problems = []
     for line in recorder.lines:
         say(f"record: {line}")
@@ -145,7 +146,7 @@ def _shown_again(
     before: dict[int, Vector],
     say: _Say,
 ) -> list[str]:
-    """Publish the record, and compare the path that a program sees with the one `before`."""
+    """Publish the record, and compare the path that a client receives with the path `before`."""
     with RosbridgeProgram(url, node) as program:
         words = (
             "net",
@@ -171,7 +172,7 @@ def _shown_again(
 
 
 def _cardan(*words: str) -> tuple[int, list[str]]:
-    """Exit code, and what it printed, of a command that ends by itself."""
+    """Exit code and output of a command that ends by itself."""
     done = subprocess.run(
         [sys.executable, "-m", "cardan", *words],
         capture_output=True,

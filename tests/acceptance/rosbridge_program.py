@@ -1,5 +1,5 @@
-"""A program at ``cardan net server rosbridge``, as a page in a browser would be one: it streams
-twists, and watches their results."""
+"""A client of ``cardan net server rosbridge``, as a web page would be: it streams twists and checks
+their results."""
 
 from __future__ import annotations
 
@@ -17,48 +17,50 @@ from websockets.sync.client import ClientConnection, connect
 from cardan.errors import DriverError
 
 PUBLISH_PERIOD_S = 0.02
-"""50 Hz, as teleoperation has it."""
+"""Rate of the stream: 50 Hz, usual in teleoperation."""
 
 PAUSE_S = 0.5
-"""Longest pause of the stream, after which the arm brakes: a page's 0.1 s is too strict for a
-computer that runs all of a demo beside other work."""
+"""Longest pause of the stream before the arm brakes. The default of 0.1 s is too strict for a
+computer that runs a whole demo and other work."""
 
 ANSWER_WITHIN_S = 10.0
-"""Longest wait for the arm to be seen, and for a service's answer."""
+"""Longest wait for the arm's state, and for the response of a service."""
 
 ASK_AGAIN_S = 0.2
-"""Pause before a stream that was refused is asked for again: on a busy computer the robot may have
-been silent for a moment."""
+"""Pause before a refused stream is requested again: on a busy computer the robot may have been
+silent for a moment."""
 
 YOUNG = "has been connected for"
-"""Why what has no stamp is refused of a connection that is younger than 0.3 s."""
+"""Part of the reason with which messages without a stamp are refused on a connection that is
+younger than 0.3 s."""
 
 SPEED_M_S = 0.06
-"""Of the TCP; most arms may do four times as much."""
+"""Speed of the TCP; most arms allow four times as much."""
 
 CIRCLE_S = 6.0
 """Time of one circle at that speed: a radius of 57 mm."""
 
 RAMP_S = 0.5
-"""Time in which the circle's speed is reached."""
+"""Time for accelerating to that speed."""
 
 Vector = tuple[float, float, float]
 
 
 class RosbridgeProgram:
-    """A connection to a rosbridge server, and the arm of one session behind it."""
+    """A connection to a rosbridge server, and the arm of one session."""
 
     def __init__(self, url: str, node: str, say: Callable[[str], None] = lambda line: None) -> None:
-        """`node`: the session's full name; `say` is told what happens, in the caller's thread."""
+        """`node`: the session's full name; `say` receives progress messages in the caller's
+        thread."""
         self.node, self._url, self._say = node, url, say
         self.poses: dict[int, Vector] = {}
         """Measured positions of the TCP (m), by their stamps (ns)."""
         self.targets: dict[int, Vector] = {}
-        """Commanded ones."""
+        """Commanded positions."""
         self.results: list[Mapping[str, Any]] = []
-        """Messages of ~/result."""
+        """Messages received on ~/result."""
         self.sent = 0
-        """Twists that were published."""
+        """Number of twists published."""
         self._answers: dict[str, Mapping[str, Any]] = {}
         self._changed = threading.Condition()
         self._opened = contextlib.ExitStack()
@@ -90,20 +92,20 @@ class RosbridgeProgram:
 
     @property
     def moved_m(self) -> float:
-        """Largest distance of the TCP from where it was first."""
+        """Largest distance of the TCP from its first position."""
         with self._changed:
             seen = list(self.poses.values())
         return max((math.dist(each, seen[0]) for each in seen), default=0.0)
 
     @property
     def behind_m(self) -> float:
-        """Largest distance of the measured TCP from the commanded one of the same time."""
+        """Largest distance between the measured and the commanded TCP at the same time."""
         with self._changed:
             both = self.poses.keys() & self.targets.keys()
             return max((math.dist(self.poses[at], self.targets[at]) for at in both), default=0.0)
 
     def refusals(self) -> list[str]:
-        """Reasons of the commands that were refused, though the connection was old enough."""
+        """Reasons of the commands that were refused although the connection was old enough."""
         reasons = [each["reason"] for each in self.results if each["outcome"] == "refused"]
         return [each for each in reasons if YOUNG not in each]
 
@@ -114,9 +116,9 @@ class RosbridgeProgram:
                 raise DriverError(f"{self._url}: {self.node}/state/pose was not published")
 
     def drive(self, seconds: float, stop: threading.Event) -> None:
-        """Move the arm in circles for `seconds`, or until `stop`; then have it brake.
+        """Move the arm in circles for `seconds`, or until `stop`; then brake it.
 
-        Raises DriverError where the session or its server is gone, or does not answer.
+        Raises DriverError if the session or its server is gone or does not answer.
         """
         self.wait_until_seen()
         until_s = time.monotonic() + ANSWER_WITHIN_S
@@ -148,7 +150,7 @@ class RosbridgeProgram:
         self._say(f"client: service stop: {'done' if answer['success'] else answer['message']}")
 
     def _set(self, values: Sequence[Mapping[str, Any]]) -> str:
-        """Set parameters; why one of them was refused, or nothing."""
+        """Set parameters; return the reason of the first refusal, or ""."""
         results = self._call("set_parameters", {"parameters": values})["results"]
         return next((each["reason"] for each in results if not each["successful"]), "")
 

@@ -1,4 +1,4 @@
-"""Simulated user of the console's page: the faults that it reports, and a run in a browser."""
+"""Simulated user of the console page: problems that it reports, and a run in a browser."""
 
 import threading
 
@@ -14,7 +14,7 @@ SHOWN = "At rest. Enable motion to move it."
 
 
 def person(tmp_path, done=()):
-    """Return a user who has not begun, and has already completed the steps `done`."""
+    """Return a user that has not started and has the steps `done` completed."""
     made = Person("http://127.0.0.1:9/", tmp_path, lambda _line: None, threading.Event())
     made.done += done
     made._shown = SHOWN
@@ -50,7 +50,7 @@ def test_a_person_moves_the_arm_by_the_page_and_takes_pictures_of_it(tmp_path):
     lines = []
     last, problems = use_console(browser, tmp_path, 240.0, lines.append, still_s=0.0)
     said = "\n".join(lines)
-    # A machine that is busy with other work misses cycles, which is another matter.
+    # A busy computer misses cycles; that is not what this test checks.
     assert not problems or find_remarks(last), (problems, said)
     assert "X+ was held: the TCP went" in said
     assert "mm above: Reachable" in said

@@ -1,4 +1,4 @@
-"""Acceptance test of a lab: the faults that it reports, and a whole run."""
+"""Acceptance test of a lab: problems that it reports, and a whole run."""
 
 import os
 import re
@@ -21,7 +21,7 @@ DEMO = choose_demo("lab")
 
 @pytest.fixture
 def prepared(monkeypatch):
-    """The lab's example with its daemon, of which no process is started."""
+    """The lab example with its daemon; no process is started."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
     monkeypatch.setattr(demo, "CardanSubprocess", Served)
     with simulated_lab(DEMO, 20.0) as (peers, layout, _):
@@ -80,7 +80,7 @@ def test_what_is_seen_of_an_arm():
 
 
 class FakeClient:
-    """A daemon that reports given values; no arm, no process."""
+    """A daemon that reports given values, without arms and processes."""
 
     def __init__(self, rows):
         self.rows = rows

@@ -1,4 +1,4 @@
-"""Program at rosbridge: the faults that it reports, and a whole run."""
+"""Network acceptance test: problems that it reports, and a whole run."""
 
 import itertools
 import re
@@ -34,7 +34,7 @@ def test_a_program_at_rosbridge_moves_the_robot_and_the_record_is_exact(tmp_path
 
 
 class Program:
-    """Observations of a demo's program, all without a fault."""
+    """Observations of a demo's client, without problems."""
 
     results: ClassVar = [
         {"command": "twist", "outcome": "refused", "success": False, "reason": "choose it"},
@@ -65,7 +65,7 @@ def test_what_a_program_may_find_wrong(lack, words):
 
 
 class Refused(RosbridgeProgram):
-    """A program whose arm refuses a stream at first."""
+    """A client whose arm refuses the stream at first."""
 
     def __init__(self, reasons):
         super().__init__("ws://127.0.0.1", "/arm")

@@ -1,5 +1,5 @@
-"""Chromium by the DevTools protocol: enough of it to see a page and to touch it, as the demo of the
-console and its tests do."""
+"""Chromium by the DevTools protocol, as far as the demo of the console and its tests need it to
+read and operate a page."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from websockets.sync.client import ClientConnection, connect
 from cardan.errors import DriverError
 
 WAIT_S = 120.0
-"""Longest wait for a browser on a busy computer."""
+"""Longest wait for a browser's answer on a busy computer."""
 
 LEAVE_S = 10.0
-"""Longest time for its end in good order; then it is killed."""
+"""Longest time for an orderly end; then the browser is killed."""
 
 PROGRAMS = ("chromium", "chromium-headless-shell", "chromium-browser", "google-chrome")
 
 ENDS_WITH_PARENT = 'exec 3<&0; (cat <&3 >/dev/null; kill 0) & "$@" </dev/null'
-"""A command and what it starts, as one group of processes, which ends with the one that launched
-it: the kernel closes its standard input then. Debian's browsers are started by scripts."""
+"""Shell command that runs a command as a process group and ends the group together with the parent
+process, when the kernel closes standard input. Debian's browsers are started by scripts."""
 
 REBOUND = "rebound.example"
-"""A foreign name that the browser finds at this computer, as a page of DNS rebinding is."""
+"""A foreign host name that resolves to this computer in the browser, as in DNS rebinding."""
 
 FLAGS = (
     "--headless",
@@ -48,7 +48,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--accept-lang=en-US",
-    # The page's own rules about hidden pages are judged, not the browser's about idle ones.
+    # The tests check the page's own rules about hidden pages, not the browser's about idle pages.
     "--disable-background-timer-throttling",
     # A foreign host name that resolves to this computer.
     f"--host-resolver-rules=MAP {REBOUND} 127.0.0.1",
@@ -57,12 +57,12 @@ FLAGS = (
 
 
 def find_chromium() -> str | None:
-    """The path of a browser; None: there is none."""
+    """Path of a browser; None if there is none."""
     return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 class Tab:
-    """Page of the browser."""
+    """A page in the browser."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
@@ -70,13 +70,13 @@ class Tab:
         self.events: list[dict[str, Any]] = []
 
     def tell(self, method: str, **parameters: Any) -> int:
-        """Send a command without waiting for its answer; return its number."""
+        """Send a command without waiting for its result; return its number."""
         number = next(self._ids)
         self._connection.send(json.dumps({"id": number, "method": method, "params": parameters}))
         return number
 
     def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """The result of a command. Raises RuntimeError where the browser refuses it."""
+        """Result of a command. Raises RuntimeError if the browser refuses it."""
         number = self.tell(method, **parameters)
         end_s = time.monotonic() + WAIT_S
         while True:
@@ -90,7 +90,7 @@ class Tab:
             return result
 
     def value(self, expression: str) -> Any:
-        """The value of an expression in the page. Raises RuntimeError for its exceptions."""
+        """Value of an expression in the page. Raises RuntimeError for its exceptions."""
         answer = self.ask(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
         )
@@ -99,8 +99,8 @@ class Tab:
         return answer["result"].get("value")
 
     def until(self, expression: str, within_s: float = WAIT_S) -> Any:
-        """Wait until an expression of the page is true; its value. Raises DriverError where it is
-        not in time."""
+        """Wait until an expression of the page is true; return its value. Raises DriverError after
+        a time limit."""
         end_s = time.monotonic() + within_s
         while not (value := self.value(expression)):
             if time.monotonic() > end_s:
@@ -109,7 +109,7 @@ class Tab:
         return value
 
     def resize(self, width: int, height: int) -> None:
-        """Show the page on a screen of this size, a phone's where it is narrow."""
+        """Show the page on a screen of this size; a narrow one emulates a phone."""
         self.ask(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -123,7 +123,7 @@ class Tab:
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
 
     def center(self, selector: str) -> tuple[float, float]:
-        """Where an element is, scrolled into sight."""
+        """Scroll an element into view and return the place of its center."""
         x, y = self.value(
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
             "e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect();"
@@ -138,8 +138,9 @@ class Tab:
         button: str = "left",
         buttons: int | None = None,
     ) -> None:
-        """mousePressed, mouseReleased or mouseMoved, of one button; `buttons` are down then, as
-        browsers count them: 1 left, 2 right, 4 middle; default: the left one unless released."""
+        """Send mousePressed, mouseReleased or mouseMoved of one button. `buttons` is the bit mask
+        of pressed buttons, as in browsers: 1 left, 2 right, 4 middle; default: left, unless
+        released."""
         self.ask(
             "Input.dispatchMouseEvent",
             type=kind,
@@ -151,33 +152,34 @@ class Tab:
         )
 
     def click(self, selector: str) -> None:
-        """As a person does."""
+        """Press and release the left button on an element."""
         at = self.center(selector)
         self.mouse("mousePressed", at)
         self.mouse("mouseReleased", at)
 
     def key(self, kind: str, key: str, code: str = "") -> None:
-        """keyDown or keyUp."""
+        """Send keyDown or keyUp."""
         text = {"text": key} if kind == "keyDown" and len(key) == 1 else {}
         self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=code or key, **text)
 
     def touch(self, kind: str, *points: tuple[float, float]) -> None:
-        """touchStart, touchMove, touchEnd or touchCancel."""
+        """Send touchStart, touchMove, touchEnd or touchCancel."""
         touched = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
         self.ask("Input.dispatchTouchEvent", type=kind, touchPoints=touched)
 
     def fingers(self, kind: str, points: dict[int, tuple[float, float]]) -> None:
-        """touchStart or touchMove with these fingers on the screen: another one was lifted."""
+        """Send touchStart or touchMove with these fingers on the screen, after another one was
+        lifted."""
         touched = [{"x": x, "y": y, "id": number} for number, (x, y) in points.items()]
         self.ask("Input.dispatchTouchEvent", type=kind, touchPoints=touched)
 
     def picture(self) -> bytes:
-        """The page as a WebP file."""
+        """Screenshot of the page as a WebP file."""
         shot = self.ask("Page.captureScreenshot", format="webp", quality=80)
         return base64.b64decode(shot["data"])
 
     def complaints(self) -> list[str]:
-        """Return the messages of the page's console, its policy and exceptions so far."""
+        """Return the console messages, policy violations and exceptions of the page so far."""
         self.value("1")
         found = []
         for event in self.events:
@@ -194,7 +196,7 @@ class Tab:
 
 
 class Browser:
-    """A running browser. Each page has a window of its own, and is shown in it."""
+    """A running browser. Each page is shown in a separate window."""
 
     def __init__(self, port: int, process: int) -> None:
         self._http = f"http://127.0.0.1:{port}/json"
@@ -209,7 +211,7 @@ class Browser:
             yield Tab(connection)
 
     def stand_still(self, seconds: float) -> None:
-        """Stop all of its processes, as a computer does that falls asleep, and let them go on."""
+        """Stop all processes of the browser, as a suspended computer does, and continue them."""
         os.killpg(self._process, signal.SIGSTOP)
         try:
             time.sleep(seconds)
@@ -217,7 +219,7 @@ class Browser:
             os.killpg(self._process, signal.SIGCONT)
 
     def hang(self, seconds: float) -> None:
-        """Stop its main process alone: its pages run on, and hear of no input."""
+        """Stop the main process alone: its pages keep running but receive no input."""
         main = self._main()
         os.kill(main, signal.SIGSTOP)
         try:
@@ -226,7 +228,7 @@ class Browser:
             os.kill(main, signal.SIGCONT)
 
     def _main(self) -> int:
-        """Its main process: the one of its group that debuggers connect to, and no helper of it."""
+        """Main process: the one of the process group with a debugging port, not a child process."""
         for each in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
                 words = (each / "cmdline").read_bytes().split(b"\0")
@@ -246,8 +248,8 @@ class Browser:
         scripts: Sequence[str] = (),
         asks: Sequence[tuple[str, dict[str, Any]]] = (),
     ) -> Iterator[Tab]:
-        """A page of this size, which loads `address`. `scripts` run before its own; `asks`:
-        commands before it loads."""
+        """Open `address` in a page of this size. `scripts` run before the page's own scripts;
+        `asks` are commands sent before it loads."""
         with self.control() as control:
             made = control.ask("Target.createTarget", url="about:blank", newWindow=True)
             target = made["targetId"]
@@ -265,12 +267,12 @@ class Browser:
                     tab.ask("Page.navigate", url=address)
                     yield tab
             finally:
-                with contextlib.suppress(RuntimeError):  # It is closed already.
+                with contextlib.suppress(RuntimeError):  # already closed
                     control.ask("Target.closeTarget", targetId=target)
 
     @contextlib.contextmanager
     def in_front(self) -> Iterator[None]:
-        """Another tab, in front of the page that was shown last."""
+        """Open another tab in front of the page that was shown last."""
         request = urllib.request.Request(f"{self._http}/new?about:blank", method="PUT")
         with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
             target = json.load(answer)["id"]
@@ -288,8 +290,8 @@ def _connected(address: str) -> ClientConnection:
 
 @contextlib.contextmanager
 def chromium(program: str, folder: Path, flags: Sequence[str] = ()) -> Iterator[Browser]:
-    """A browser with a profile of its own in `folder`, which ends after, and with this process.
-    `flags`: further ones. Raises DriverError where it cannot be started."""
+    """Run a browser with an empty profile in `folder`; it ends with the context, and with this
+    process. `flags`: additional flags. Raises DriverError if the browser cannot be started."""
     marker = folder / "DevToolsActivePort"
     words = [program, *FLAGS, *flags, f"--user-data-dir={folder}", "about:blank"]
     process = subprocess.Popen(
@@ -311,7 +313,7 @@ def chromium(program: str, folder: Path, flags: Sequence[str] = ()) -> Iterator[
         try:
             yield Browser(int(port), process.pid)
         finally:
-            # In good order: the browser has released its profile when its process has ended.
+            # after an orderly end, the browser has released its profile
             with (
                 contextlib.suppress(OSError, WebSocketException, subprocess.TimeoutExpired),
                 connect(f"ws://127.0.0.1:{port}{path}", open_timeout=LEAVE_S) as connection,

@@ -1,5 +1,5 @@
-"""Fixtures shared by all tests of the console's page: browser, robot, its session, the server.
-They end with the last of these tests: a browser draws for as long as it runs."""
+"""Fixtures shared by all tests of the console page: browser, robot, its session and the server.
+They end with the last of these tests, because a browser draws for as long as it runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.console.browser import chromium, find_chromium
 
 @pytest.fixture(scope="package")
 def built():
-    """The page is built."""
+    """Build of the page; skips if it is missing."""
     from cardan.errors import ConfigurationError
     from cardan.gateway.servers.console.site import Site
 
@@ -32,7 +32,7 @@ def browser(tmp_path_factory):
 
 @pytest.fixture(scope="package")
 def bench(built, browser, tmp_path_factory):
-    """A robot, its session, the server, and a network between it and the browser."""
+    """A robot, its session, the server, and a proxy between server and browser."""
     from tests.console.hold_table import bench
 
     with bench(browser, tmp_path_factory.mktemp("session")) as made:
@@ -41,7 +41,7 @@ def bench(built, browser, tmp_path_factory):
 
 @pytest.fixture
 def page(bench, browser):
-    """A page of its own for a test, which shows the arm."""
+    """A page for one test, which shows the arm."""
     from tests.console.page_input import RELOADED
 
     with browser.open(bench.address) as page:

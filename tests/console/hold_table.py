@@ -1,7 +1,7 @@
-"""Makes the table of docs/console.md: every way in which a hold on the page ends, and what the
-arm does then.
+"""Generate the table of docs/console.md: every way in which a hold on the page ends, and the arm's
+reaction.
 
-To write it anew: ``make hold-table``, or ``python -m tests.console.hold_table``.
+To write it again: ``make hold-table``, or ``python -m tests.console.hold_table``.
 """
 
 from __future__ import annotations
@@ -47,36 +47,37 @@ BEGIN = "<!-- made by tests/console/hold_table.py -->\n"
 
 SPEED_M_S = 0.1
 SPEED_PERCENT = 40
-"""Of 250 mm/s, the fastest jog of the page."""
+"""Fastest jog of the page: 250 mm/s."""
 RAMP_S = 0.1
-"""From that speed at the 1 m/s² of an arm's streams."""
+"""Time for braking from that speed with 1 m/s², the acceleration of an arm's streams."""
 TRAIL_S = 0.1
-"""Lag of the simulated drives, with the page's next frame and the way to the session."""
+"""Lag of the simulated drives, plus the page's next frame and the transport to the session."""
 BOUND_S = FRESH_S + RAMP_S + TRAIL_S
-"""Longest stop of an arm whose page has fallen silent."""
+"""Longest stopping time of an arm whose page has fallen silent."""
 UNSEEN_S = 0.85
-"""A page that hears nothing of the arm lets go after twice the round trip that it takes for slow,
-300 ms; it asks each 250 ms."""
+"""Longest stopping time if the page stops receiving the arm's state: it sends pings every 250 ms,
+and releases after twice the round trip that it considers slow, 300 ms."""
 
 WATCHED_S = 2.0
-"""After the end of what went wrong; the pointer, finger or key is still down in most rows."""
+"""Time of watching after the end of the fault; in most rows the pointer, finger or key is still
+pressed."""
 TIMES = 3
 
 HELD_S = 0.3
-"""How long the arm has had its speed."""
+"""Time for which the arm has moved at full speed."""
 
 STALL_S = 1.0
 
 
 class Bench(NamedTuple):
-    """Test bench of a row."""
+    """Processes and addresses for measuring the rows."""
 
     browser: Browser
     robot: RobotAndSession
     server: ServerProcess
     network: Proxy
     address: str
-    """Of the page, by way of `network`."""
+    """Address of the page behind the proxy."""
 
 
 class Held(NamedTuple):
@@ -93,12 +94,13 @@ class End(NamedTuple):
     act: Callable[[Held], None]
     page_input: PageInput = MOUSE
     lives: bool = True
-    """Whether the page is there afterwards."""
+    """True if the page still exists afterwards."""
     tested: bool = True
-    """False: it ends as another one does, and is in the table alone, to keep the tests short."""
+    """False: this end is like another one, and is measured only for the table, to keep the tests
+    short."""
     bound_s: float = BOUND_S
     logged: str = ""
-    """Pattern of events that the page itself must have received, in EVENTS' words."""
+    """Pattern of events that the page itself must have received, in the notation of EVENTS."""
     unheard: str = ""
     """Pattern of events that it must not have received."""
 
@@ -181,7 +183,7 @@ def _open_a_dialog(held: Held) -> None:
 
 
 def _block(held: Held) -> None:
-    """Its one thread stands still, and everything is as before afterwards."""
+    """Block the page's main thread for a while."""
     held.page.value(
         f"{{ const end = performance.now() + {1e3 * STALL_S}; while (performance.now() < end); }}"
     )
@@ -196,7 +198,7 @@ def _stall(*, up: bool, down: bool, seconds: float = STALL_S) -> Callable[[Held]
 
 
 def _second_finger(selector: str) -> Callable[[Held], None]:
-    """A second finger taps a button, and the first one holds on."""
+    """Tap another button with a second finger while the first one holds."""
 
     def act(held: Held) -> None:
         other = held.page.value(
@@ -210,7 +212,7 @@ def _second_finger(selector: str) -> Callable[[Held], None]:
 
 
 def _chord(button: str, number: int) -> Callable[[Held], None]:
-    """Another button of the mouse goes down; the left one goes up while that one stays down."""
+    """Press another mouse button, then release the left one while the other stays pressed."""
 
     def act(held: Held) -> None:
         held.page.mouse("mousePressed", held.at, button, 1 + number)
@@ -232,12 +234,12 @@ def _resize(held: Held) -> None:
 
 
 def _push_away(held: Held) -> None:
-    """Something is shown above it, and the button goes down by its height."""
+    """Insert space above the button, which moves it down."""
     held.page.value("document.querySelector('header').style.marginBottom = '160px'")
 
 
 def _lie_over(held: Held) -> None:
-    """Something of the page covers the button, which stays where it is."""
+    """Cover the button with an element of the page."""
     held.page.value(
         "document.body.append(Object.assign(document.createElement('div'), "
         "{style: 'position: fixed; inset: 0; z-index: 99'}))"
@@ -245,7 +247,7 @@ def _lie_over(held: Held) -> None:
 
 
 def _shrink_what_is_seen(held: Held) -> None:
-    """The window is as large as before, as under the keyboard of a phone."""
+    """Shrink the visual viewport at a constant window size, as a phone's keyboard does."""
     held.page.ask("Emulation.setPageScaleFactor", pageScaleFactor=1.5)
 
 
@@ -257,7 +259,7 @@ def _context_menu(held: Held) -> None:
 
 
 HOLDING_UP = r"^pointer(up|cancel) .*\[jog"
-"""The finger on the button went up, which a second one must not be mistaken for."""
+"""Release of the holding finger, which a second finger must not be mistaken for."""
 
 ENDS: dict[str, End] = {
     "mouse button let go": End(_let_go, logged=r"^pointerup 1 \"\" 0"),
@@ -339,7 +341,7 @@ ENDS: dict[str, End] = {
 
 @contextlib.contextmanager
 def bench(browser: Browser, folder: Path) -> Iterator[Bench]:
-    """A robot, its session, the server, and a network between it and the browser."""
+    """A robot, its session, the server, and a proxy between page and server."""
     with (
         robot_and_session(folder) as robot,
         console_server(robot.endpoint) as server,
@@ -349,8 +351,8 @@ def bench(browser: Browser, folder: Path) -> Iterator[Bench]:
 
 
 class Pages:
-    """Pages in sequence, each used until it is gone: the end of a hold must not keep the next hold
-    from starting."""
+    """Pages in sequence, each used until it is closed: the end of a hold must not prevent the next
+    hold."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
@@ -373,7 +375,7 @@ class Pages:
 
 
 def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
-    """Hold, end the hold, and measure the arm's motion until `watched_s` after that."""
+    """Hold, end the hold, and measure the arm's motion for `watched_s` afterwards."""
     page, tcp = pages.get(), bench.robot.tcp
     until(lambda: not tcp.moving, "rest")
     began_s = time.monotonic()
@@ -394,9 +396,9 @@ def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
     if not end.lives:
         pages.close()
         return found
-    # Nothing of the page thinks that it holds on, while the pointer may still be down.
+    # The page must consider the hold ended, even while the pointer is still pressed.
     page.until("document.querySelectorAll('.held').length === 0")
-    with contextlib.suppress(RuntimeError):  # There is no finger any more.
+    with contextlib.suppress(RuntimeError):  # the finger may be gone
         end.page_input.let_go(page, at)
     return found
 
@@ -424,7 +426,7 @@ def rows(bench: Bench) -> dict[str, list[Stop]]:
 
 
 def table(found: dict[str, list[Stop]]) -> str:
-    """In Markdown."""
+    """Format the results as Markdown."""
     lines = ["| the hold ends by | stops within, ms | after, mm |", "|---|---|---|"]
     for name, stops in found.items():
         times = [1e3 * each.time_s for each in stops]
@@ -442,7 +444,7 @@ def _cell(values: list[float], digits: int) -> str:
 
 
 def main() -> None:
-    """Write the table into its page, or print it with "-"."""
+    """Write the table into the page of the documentation, or print it with "-"."""
     program = find_chromium()
     if program is None:
         sys.exit("chromium is not installed: apt-get install chromium")

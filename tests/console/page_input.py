@@ -1,4 +1,4 @@
-"""Actions of an operator on the page: enable, hold, release."""
+"""Operator actions on the page: enable motion, hold, release."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Place = tuple[float, float]
 
 
 def jog(axis: str, sign: int = 1) -> str:
-    """The selector of a button that jogs."""
+    """Selector of a jog button."""
     return f'button[aria-label="{axis}{"+" if sign > 0 else "−"}"]'
 
 
 def keeps(**settings: object) -> str:
-    """A script, so that the page finds these settings of its own."""
+    """Script that stores these settings before the page reads them."""
     return (
         "try { localStorage.setItem('cardan-console', "
         f"{json.dumps(json.dumps(settings))}); }} catch {{}}"
@@ -30,7 +30,7 @@ def keeps(**settings: object) -> str:
 
 
 def enable(page: Tab) -> None:
-    """Re-arm; anew where a busy computer has taken it back at once."""
+    """Re-arm; repeat it if a busy computer disarms the arm at once."""
     end_s = time.monotonic() + WAIT_S
     while page.value(STATE) == "watching":
         page.until("!document.querySelector('.enable').disabled")
@@ -45,7 +45,7 @@ class PageInput(NamedTuple):
     """A way to hold a button, and to release it."""
 
     press: Callable[[Tab, str], Place]
-    """Returns where it is."""
+    """Press, and return the place of the button."""
     let_go: Callable[[Tab, Place], None]
 
 
@@ -73,8 +73,8 @@ KEY = PageInput(_press_key, lambda page, at: page.key("keyUp", " ", "Space"))
 
 
 def hold(page: Tab, page_input: PageInput, selector: str, moves: Callable[[], bool]) -> Place:
-    """Hold a button until the arm moves; where the pointer is. A browser on a busy computer stands
-    still now and then, which rightly ends the hold: then it is begun anew."""
+    """Hold a button until the arm moves; return the place of the pointer. A browser on a busy
+    computer sometimes pauses, which correctly ends the hold; the hold is then repeated."""
     end_s = time.monotonic() + WAIT_S
     while True:
         enable(page)

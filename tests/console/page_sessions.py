@@ -1,4 +1,4 @@
-"""Sessions whose devices are hands on a page: a phone, a left and a right controller."""
+"""Sessions whose operator devices are on a page: a phone, a left and a right VR controller."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Session:
 
     @property
     def now(self) -> Snapshot:
-        """Its newest snapshot."""
+        """Newest snapshot of the session."""
         until(lambda: self._snapshot is not None, "a snapshot")
         assert self._snapshot is not None
         return self._snapshot
@@ -85,7 +85,7 @@ class Session:
             time.sleep(0.02)
 
     def rests(self, seconds: float = 0.4) -> None:
-        """It stands, and for so long nothing moves it."""
+        """Wait until the arm is at rest, and check that nothing moves it for this time."""
         self.until("not any(arm.twist)")
         at = self.now.robot.pose
         end_s = time.monotonic() + seconds
@@ -113,7 +113,7 @@ KINDS = {
 
 @contextlib.contextmanager
 def hands(folder: Path) -> Iterator[Hands]:
-    """Three sessions, the router by which they meet, and the console's server."""
+    """Three sessions, the router that connects them, and the console server."""
     endpoint = free_endpoint()
     cardan = [sys.executable, "-m", "cardan"]
     with contextlib.ExitStack() as stack:

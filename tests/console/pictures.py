@@ -1,7 +1,7 @@
-"""Takes the pictures docs/images/console-*.webp of the page on a small and on a large screen.
+"""Generate the pictures docs/images/console-*.webp of the page on a large and on a small screen.
 
-To take them anew, after looking at them: ``make console-pictures``, or
-``python -m tests.console.pictures``.
+To take them again, after looking at the page: ``make console-pictures``, or ``python -m
+tests.console.pictures``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FOLDER = Path(__file__).parents[2] / "docs" / "images"
 
 
 class Screen(NamedTuple):
-    """A picture."""
+    """Screen and settings of a picture."""
 
     width: int
     height: int
@@ -41,11 +41,11 @@ SCREENS = {
 }
 
 MOVING = ".picture, .readout, .why, .link, .authority, output, .number, .mark, .stop, .enable"
-"""Elements that differ each time, or need a graphics card: left out of comparisons."""
+"""Elements that differ each time or need a graphics card; comparisons leave them out."""
 
 BLOCK_PX = 40
-"""Pictures are compared by the mean colors of squares of this size: fonts differ between systems
-by less, what has moved by more."""
+"""Pictures are compared by the mean colors of squares of this size: different fonts move parts by
+less than that, a changed layout by more."""
 
 _MEANS = """
 (async (picture, masks, size) => {
@@ -81,7 +81,7 @@ Means = list[list[float]]
 
 @contextmanager
 def still_arm(folder: Path) -> Iterator[ServerProcess]:
-    """The console's server with an arm that stands where it begins."""
+    """The console server with an arm that stays at its initial pose."""
     endpoint = free_endpoint()
     path = folder / "session.toml"
     text = ARM_SESSION.format(endpoint=endpoint)
@@ -97,7 +97,7 @@ def still_arm(folder: Path) -> Iterator[ServerProcess]:
 
 @contextmanager
 def shown(browser: Browser, address: str, screen: Screen) -> Iterator[Tab]:
-    """The page as a person with this screen has it."""
+    """The page with the settings of this screen."""
     script = keeps(language=screen.language, theme=screen.theme)
     with browser.open(address, screen.width, screen.height, scripts=[script]) as page:
         page.until(RELOADED)
@@ -109,7 +109,7 @@ def shown(browser: Browser, address: str, screen: Screen) -> Iterator[Tab]:
 
 
 def masks(page: Tab) -> list[list[float]]:
-    """Places of the elements that move: x, y, width and height."""
+    """Rectangles of the elements that comparisons leave out: x, y, width and height."""
     found: list[list[float]] = page.value(
         f"[...document.querySelectorAll({json.dumps(MOVING)})].map(each => {{"
         "const b = each.getBoundingClientRect();"
@@ -120,15 +120,15 @@ def masks(page: Tab) -> list[list[float]]:
 
 
 def means(page: Tab, picture: bytes, left_out: list[list[float]]) -> Means:
-    """Mean colors of a picture's blocks, by the browser's own decoder; `page`: any, without a
-    policy of its own."""
+    """Mean colors of a picture's blocks, computed by the browser's own decoder. `page` is any page
+    without a content security policy."""
     words = json.dumps(base64.b64encode(picture).decode()), json.dumps(left_out), str(BLOCK_PX)
     found: Means = page.value(f"{_MEANS}({', '.join(words)})")
     return found
 
 
 def main() -> None:
-    """Take them all."""
+    """Take all pictures."""
     program = find_chromium()
     if program is None:
         sys.exit("chromium is not installed: apt-get install chromium")

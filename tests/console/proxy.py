@@ -1,4 +1,4 @@
-"""A network between a page and its server: it can be slow, stand still and break."""
+"""TCP proxy between a page and its server that can delay, hold and break connections."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _CHUNK = 65536
 
 
 class Proxy:
-    """Passes connections on to a port of this computer."""
+    """Forwards connections to a port of this computer."""
 
     def __init__(self, port: int) -> None:
         self.delay_s = 0.0
-        """Of each way."""
+        """Delay in each direction."""
         self._to = port
         self._up, self._down = threading.Event(), threading.Event()
         self._up.set()
@@ -30,8 +30,8 @@ class Proxy:
 
     @contextlib.contextmanager
     def stalled(self, *, up: bool = True, down: bool = True) -> Iterator[None]:
-        """Hold data back and deliver it afterwards, all at once: from the page (`up`), and to the
-        page (`down`)."""
+        """Hold data back and deliver it afterwards, all at once: data from the page (`up`), and
+        data to the page (`down`)."""
         ways = [way for way, wanted in ((self._up, up), (self._down, down)) if wanted]
         for way in ways:
             way.clear()
@@ -42,7 +42,7 @@ class Proxy:
                 way.set()
 
     def cut(self) -> None:
-        """End all connections that there are."""
+        """Close all open connections."""
         with self._lock:
             sockets = list(self._sockets)
         for each in sockets:
@@ -50,7 +50,7 @@ class Proxy:
                 each.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """End all."""
+        """Stop listening and close all connections."""
         with contextlib.suppress(OSError):
             self._listening.shutdown(socket.SHUT_RDWR)
         self._listening.close()
@@ -110,7 +110,7 @@ class Proxy:
         over.release()
 
     def _end(self, client: socket.socket, server: socket.socket, over: threading.Semaphore) -> None:
-        # A direction may go on after the other has ended, but not for ever after an error.
+        # One direction may continue after the other has ended, but not forever after an error.
         over.acquire()
         over.acquire(timeout=5.0)
         with self._lock:
@@ -121,7 +121,7 @@ class Proxy:
 
 @contextlib.contextmanager
 def network_to(port: int) -> Iterator[Proxy]:
-    """A network to the server at that port."""
+    """A proxy for the server at that port."""
     proxy = Proxy(port)
     try:
         yield proxy

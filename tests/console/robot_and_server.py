@@ -1,5 +1,5 @@
-"""A simulated GoFa over EGM, a session that moves it, and the console's server, each in a process
-or thread of its own; and what the TCP does, by the controller's true joints."""
+"""A simulated GoFa over EGM, a session that moves it, and the console server, each in a separate
+process or thread; and the motion of the TCP, by the controller's true joints."""
 
 from __future__ import annotations
 
@@ -26,20 +26,21 @@ MODEL = "gofa_crb15000_5"
 ARM = "/left/arm"
 
 COMM_TIMEOUT_S = 0.2
-"""EGM's, as docs/abb-egm.md sets it."""
+"""Period of EGM, as in docs/abb-egm.md."""
 
 SAMPLE_S = 0.004
 WINDOW_S = 0.06
-"""Speeds are means over this time, many periods of the controller."""
+"""Speeds are means over this time, which is many periods of the controller."""
 HISTORY_S = 30.0
 
 STANDS_M_S = 0.001
 RESTS_S = 0.25
 HEARD = 60
 PAUSE_S = 0.05
-"""An arm that stands for RESTS_S, and while so many commands reach its controller, of 250 each
-second, without such a pause, rests: one also stands while the computer does, or keeps the session
-or the controller from its work, and what has waited then comes all at once."""
+"""An arm is at rest if it stands still for RESTS_S while its controller receives HEARD commands, of
+250 each second, without a gap of PAUSE_S. Standing still alone is no proof: the computer may have
+paused, or kept the session or controller from running, and delayed commands then arrive all at
+once."""
 
 SESSION = """
 [robot]
@@ -59,8 +60,8 @@ listen = ["{endpoint}"]
 """
 
 STILL_M = 0.0005
-"""Nearer to where it rests in the end the arm counts as at rest: a controller's own position loop
-takes up the last tenths of a millimeter for half a second more."""
+"""An arm this close to its final place counts as at rest: a controller's position loop closes the
+last tenths of a millimeter over another half second."""
 
 
 class Stop(NamedTuple):
@@ -69,14 +70,14 @@ class Stop(NamedTuple):
     speed_m_s: float
     """Speed at the event."""
     time_s: float
-    """Until it moved for the last time."""
+    """Time until the last motion."""
     distance_m: float
     again_m: float
     """Motion after the arm had come to rest."""
 
 
 class TcpWatch(threading.Thread):
-    """Samples where the TCP of a controller is."""
+    """Records the places of a controller's TCP."""
 
     def __init__(self, peer: EgmControllerPeer) -> None:
         super().__init__(daemon=True)
@@ -86,7 +87,7 @@ class TcpWatch(threading.Thread):
         self._times: list[float] = []
         self._points: list[npt.NDArray[np.float64]] = []
         self._commands: list[int] = []
-        """How many had reached the controller."""
+        """Number of commands that had reached the controller."""
         self._ended = threading.Event()
 
     def run(self) -> None:
@@ -103,24 +104,24 @@ class TcpWatch(threading.Thread):
                     del self._times[:half], self._points[:half], self._commands[:half]
 
     def end(self) -> None:
-        """Sample no more."""
+        """Stop recording."""
         self._ended.set()
         self.join()
 
     def since(self, at_s: float) -> tuple[list[float], list[npt.NDArray[np.float64]]]:
-        """Times and places from then on."""
+        """Times and places from this time on."""
         with self._lock:
             first = int(np.searchsorted(self._times, at_s))
             return self._times[first:], self._points[first:]
 
     @property
     def here(self) -> npt.NDArray[np.float64]:
-        """Where it is, m, along the base's axes."""
+        """Newest place in the base frame, m."""
         with self._lock:
             return self._points[-1]
 
     def speed(self, window_s: float = WINDOW_S) -> float:
-        """Mean over the last time, m/s."""
+        """Mean speed over the last `window_s`, m/s."""
         times, points = self.since(time.monotonic() - window_s)
         if len(times) < 2 or times[-1] - times[0] < 0.5 * window_s:
             return 0.0
@@ -134,7 +135,7 @@ class TcpWatch(threading.Thread):
         """Return the motion from `at_s` until now."""
         with self._lock:
             began = int(np.searchsorted(self._times, at_s - WINDOW_S))
-            # On a busy computer nothing may have been seen for so long.
+            # On a busy computer there may be no sample within that time.
             began = max(0, min(began, int(np.searchsorted(self._times, at_s)) - 1))
             times, points = self._times[began:], self._points[began:]
             commands = self._commands[began:]
@@ -152,7 +153,7 @@ class TcpWatch(threading.Thread):
 
 
 def _again(times: list[float], away: list[float], commands: list[int]) -> float:
-    """How far from its last place the arm was when it first rested."""
+    """Distance between the arm's first and last place of rest."""
     first = steady = heard = 0
     for last, when in enumerate(times):
         if when - times[heard] > PAUSE_S:
@@ -173,17 +174,17 @@ def _again(times: list[float], away: list[float], commands: list[int]) -> float:
 
 
 class RobotAndSession(NamedTuple):
-    """Running robot and its session."""
+    """A running robot and its session."""
 
     peer: EgmControllerPeer
     tcp: TcpWatch
     endpoint: str
-    """Of the bus."""
+    """Endpoint of the network."""
 
 
 @contextlib.contextmanager
 def robot_and_session(folder: Path, more: str = "") -> Iterator[RobotAndSession]:
-    """The robot, and the session of it, with `more` in its file."""
+    """The robot and its session, with `more` in the session's file."""
     endpoint, port = free_endpoint(), free_udp_port()
     path = folder / "session.toml"
     path.write_text(SESSION.format(port=port, model=MODEL, endpoint=endpoint) + more)
@@ -204,10 +205,10 @@ def robot_and_session(folder: Path, more: str = "") -> Iterator[RobotAndSession]
 
 
 class ServerProcess(NamedTuple):
-    """``cardan net server console`` that serves."""
+    """A running ``cardan net server console``."""
 
     address: str
-    """Of the page, with its token."""
+    """Address of the page, with its token."""
     process: int
 
     @property
@@ -215,7 +216,7 @@ class ServerProcess(NamedTuple):
         return int(self.address.split("/")[2].rsplit(":", 1)[1])
 
     def stand_still(self, seconds: float) -> None:
-        """Stop its process for that time."""
+        """Stop the server's process for that time."""
         os.kill(self.process, signal.SIGSTOP)
         try:
             time.sleep(seconds)
@@ -227,7 +228,7 @@ class ServerProcess(NamedTuple):
 def console_server(
     endpoint: str, words: Sequence[str] = (), environment: dict[str, str] | None = None
 ) -> Iterator[ServerProcess]:
-    """The console's server on that bus."""
+    """The console server on that network."""
     command = [sys.executable, "-m", "cardan", "net", "server", "console", "--router", endpoint]
     with subprocess.Popen(
         [*command, "--port", "0", *words],

@@ -1,5 +1,5 @@
-"""A simulated UR5 whose session runs in a process, and the console's server in this one: what a
-test of the page asks the bus for."""
+"""A simulated UR5 with its session in a process, and the console server in this one, for tests of
+the page that also use the network."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ ARM = "/left/arm"
 STATUS = "cardan_msgs/msg/ArmStatus"
 
 STOPPED_S = 2.5
-"""Longest time from the end of a hold until the arm rests: freshness, the arm's ramp, and a browser
-that draws without a graphics card on a busy computer."""
+"""Longest time from the end of a hold until the arm is at rest: freshness, the arm's ramp, and a
+browser that draws without a graphics card on a busy computer."""
 
 
 @contextlib.contextmanager
 def served_arm(
     folder: Path, site: Site, more: str = "", model: str = "ur5"
 ) -> Iterator[tuple[BusNetwork, str]]:
-    """The bus of a running session, with `more` in its file and this model of the arm, and the
+    """Network of a running session, with `more` in its file and this model of the arm, and the
     address of the page."""
     endpoint = free_endpoint()
     path = folder / "session.toml"
@@ -52,7 +52,7 @@ def served_arm(
 
 @contextlib.contextmanager
 def motion_of(network: BusNetwork) -> Iterator[Callable[[], bool]]:
-    """Whether the arm moves, by its own word."""
+    """True if the arm reports motion."""
     codec, newest = codec_of(STATUS), {}
     handle = network.subscribe(
         f"{ARM}/state/status", STATUS, lambda cdr, _ns: newest.update(codec.decode(cdr))
@@ -64,7 +64,7 @@ def motion_of(network: BusNetwork) -> Iterator[Callable[[], bool]]:
 
 
 def stops(moving: Callable[[], bool]) -> None:
-    """Wait until it rests, and see that it stays so."""
+    """Wait until the arm rests, and check that it stays at rest."""
     end_s = time.monotonic() + STOPPED_S
     while moving():
         assert time.monotonic() < end_s, "it moves on"

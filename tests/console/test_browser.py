@@ -1,4 +1,5 @@
-"""Driver of the browser: its error for a browser that does not start, and none outlives it."""
+"""Control of the browser: error for a browser that does not start, and end of all of its
+processes."""
 
 import signal
 import subprocess
@@ -18,12 +19,12 @@ from tests.console.browser import chromium
 with chromium(sys.argv[1], Path(sys.argv[2])):
     pass
 """
-"""A program that waits for a browser."""
+"""A program that runs until it is ended, in place of a browser."""
 
 
 @pytest.fixture
 def program(tmp_path):
-    """Writes a program, and gives its path: `program(lines)`."""
+    """Write an executable script: `program(lines)` returns its path."""
 
     def write(lines):
         path = tmp_path / "browser"
@@ -42,7 +43,7 @@ def test_a_browser_that_does_not_start_is_named(tmp_path, program):
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=lambda how: how.name)
 def test_a_browser_ends_with_the_program_that_started_it_however_that_ends(tmp_path, program, how):
-    """Debian's are started by a script, which waits for them."""
+    """Debian's browsers are started by a script, which waits for them."""
     own = tmp_path / "own"
     path = program(f"sleep 1000 &\necho $! >{own}.new\nmv {own}.new {own}\nwait")
     with subprocess.Popen(
@@ -55,7 +56,7 @@ def test_a_browser_ends_with_the_program_that_started_it_however_that_ends(tmp_p
 
 
 def is_running(pid):
-    """Whether a process runs; one that nobody has waited for does not."""
+    """True if the process runs; a zombie does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:

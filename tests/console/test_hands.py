@@ -1,4 +1,5 @@
-"""A phone's sensors and a headset's controllers, in a real browser, move the arms of sessions."""
+"""A phone's sensors and a headset's controllers, emulated in a real browser, move the arms of
+sessions."""
 
 from __future__ import annotations
 
@@ -41,16 +42,17 @@ setInterval(() => {
   dispatchEvent(new DeviceOrientationEvent("deviceorientation", newest));
 }, 16);
 """
-"""A phone's sensor tells its angles anew also when it lies still; the emulated one does not."""
+"""Repeats the orientation: a phone's sensor reports it also at rest, the emulated one does not."""
 
 
 def turn(page, alpha=0.0, beta=0.0, gamma=0.0):
-    """The phone is turned."""
+    """Set the phone's orientation."""
     page.ask("DeviceOrientation.setDeviceOrientationOverride", alpha=alpha, beta=beta, gamma=gamma)
 
 
 def turn_slowly(page, began, ended):
-    """About the vertical, as a hand does: a jump would void the alignment."""
+    """Turn the phone about the vertical at the speed of a human hand: a jump would invalidate the
+    alignment."""
     for step in range(1, 10):
         turn(page, alpha=began + (ended - began) * step / 9)
         time.sleep(0.05)
@@ -99,7 +101,7 @@ class Phone:
         page.click("#tab-device")
 
     def start(self):
-        """Begin, and align."""
+        """Start the sensors, and align."""
         turn(self.page)
         self.page.click(START)
         self.page.until(f"!document.querySelector('{ALIGN}').disabled")
@@ -113,20 +115,21 @@ class Phone:
         self.page.touch("touchStart", self.at)
 
     def hold_until(self, wanted, act=lambda: None, before=lambda: None):
-        """Hold with the thumb and do something, until the session tells what is wanted. A browser
-        on a busy computer stands still now and then, which rightly ends the hold: then anew."""
+        """Hold with the thumb and repeat an action, until the session reports the expected state. A
+        browser on a busy computer sometimes pauses, which correctly ends the hold; it is then
+        repeated."""
         return held_until(self.session, wanted, self.press, self.let_go, act, before)
 
     def let_go(self):
         self.page.touch("touchEnd")
 
     def turned(self):
-        """Held and turned, so that the tool turns."""
+        """Hold and tilt the phone until the tool turns."""
         flat, up = partial(turn, self.page), partial(turn, self.page, beta=TILT_DEG)
         return self.hold_until("abs(device.axes[4]) > 0.5 and abs(arm.twist[4]) > 0.2", up, flat)
 
     def drag(self, right, down):
-        """The second finger, beside the thumb."""
+        """Drag a second finger next to the thumb."""
         x, y = self.at
         self.page.touch("touchStart", (x, y), (x + 30, y + 5))
         self.page.touch("touchMove", (x, y), (x + 30 + right, y + 5 + down))
@@ -134,7 +137,7 @@ class Phone:
 
 @pytest.fixture(scope="module")
 def started(lab, browser):
-    """A phone's page that is aligned."""
+    """A phone's page after alignment."""
     allow_sensors(browser, lab)
     with browser.open(lab.server.address, 360, 740, scripts=[SPEAKING]) as page:
         phone = Phone(page, lab.phone)
@@ -144,18 +147,18 @@ def started(lab, browser):
 
 @pytest.fixture
 def phone(started):
-    """It, upright on the table, and free."""
+    """The aligned phone, upright on the table, without a hold."""
     turn(started.page)
     started.session.until(
         "device.link == 'live' and 'hold' not in device.buttons and not any(device.axes)"
     )
     yield started
-    with contextlib.suppress(RuntimeError):  # The thumb is up already.
+    with contextlib.suppress(RuntimeError):  # if the thumb is still down
         started.let_go()
 
 
 REFUSED = "DeviceOrientationEvent.requestPermission = async () => 'denied';"
-"""A browser without a screen grants it to everybody."""
+"""Script that denies the permission, which a headless browser always grants."""
 
 
 def test_sensors_that_are_not_allowed_move_nothing(lab, browser):
@@ -171,7 +174,7 @@ def test_sensors_that_are_not_allowed_move_nothing(lab, browser):
 
 
 def test_a_phone_without_angles_says_so(lab, browser):
-    """Allowed, and there is no sensor: one event whose angles are null."""
+    """Permission without a sensor: one event whose angles are null."""
     allow_sensors(browser, lab)
     with browser.open(lab.server.address, 360, 740) as page:
         Phone(page, lab.phone)
@@ -183,10 +186,10 @@ def test_a_phone_without_angles_says_so(lab, browser):
 def test_a_phone_turns_the_tool_while_it_is_held(phone):
     turn(phone.page, beta=TILT_DEG)
     phone.session.rests()
-    # About the axis to the right, which is -y of an operator who looks along x.
+    # About the axis to the right, which is -y for an operator who looks along x.
     now = phone.turned()
     assert max(map(abs, (*now.device.axes[:4], now.device.axes[5]))) < 0.05
-    # A phone at rest tells the same angles, and is as alive as before.
+    # A phone at rest repeats its angles and stays live.
     end_s = time.monotonic() + 0.6
     while time.monotonic() < end_s:
         assert phone.session.now.device.link == "live", phone.session.now
@@ -200,7 +203,8 @@ PORTRAIT = {"width": 360, "height": 740, "deviceScaleFactor": 1, "mobile": True}
 
 
 def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
-    """Drawn up on the screen, away from the operator: forward however the screen is turned."""
+    """A drag up the screen, away from the operator, moves forward in every orientation of the
+    screen."""
     for quarter, alpha in ((0, 0.0), (1, 90.0)):
         kind = "portraitPrimary" if quarter == 0 else "landscapePrimary"
         phone.page.ask(
@@ -213,7 +217,7 @@ def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
         )
         phone.page.until(f"screen.orientation.angle === {90 * quarter}")
         turn_slowly(phone.page, 0.0, alpha)
-        # A report of the turn may come after the press: then it is a turn of the hand.
+        # If the new orientation arrives after the press, it counts as a turn of the hand.
         straight = "device.axes[0] > 0.3 and max(map(abs, device.axes[1:])) < 0.1"
         phone.hold_until(straight, lambda: phone.drag(0, -60))
         phone.let_go()
@@ -246,7 +250,7 @@ def test_a_sensor_that_ends_disarms(phone):
 
 
 def test_sensors_that_fall_silent_are_lost_and_need_a_new_press(phone):
-    """The thumb stays down on a phone that is tilted, and its sensors tell nothing any more."""
+    """The thumb stays down on a tilted phone whose sensors fall silent."""
     phone.turned()
     phone.page.value("window.silent = true")
     phone.session.until("device.link == 'needs neutral' and not any(device.axes)")
@@ -293,7 +297,7 @@ class Headset:
             self.align(side)
 
     def align(self, side):
-        """Where it is now; its controller does not turn."""
+        """Align a controller at its present pose."""
         self.look()
         self.press(side, "thumbstick", 1)
         self.look()
@@ -301,12 +305,13 @@ class Headset:
         self.press(side, "thumbstick", 0)
 
     def look(self):
-        """Until the page has looked at both hands in two new frames."""
+        """Wait until the page has read both hands in two new frames."""
         looks = self.page.value("window.looks")
         self.page.until(f"window.looks >= {looks + 6}")
 
     def back(self, side):
-        """Jump to where it began, which voids the alignment, and align anew."""
+        """Move a controller back to its first place in one jump, which invalidates the alignment,
+        and align again."""
         self.place(side)
         self.align(side)
 
@@ -315,7 +320,7 @@ class Headset:
         self.page.value(f"headset.controllers.{side}.position.set({x + offset}, {y}, {z}); 1")
 
     def go(self, side, way, steps=12, **at):
-        """Move along an axis, as a hand does, not in a jump."""
+        """Move a controller along an axis at the speed of a human hand, without a jump."""
         axis, end = way
         start = {"x": 0.0, "y": 1.2, "z": -0.4, **at}[axis]
         for step in range(1, steps + 1):
@@ -326,7 +331,7 @@ class Headset:
         self.page.value(f"headset.controllers.{side}.updateButtonValue('{button}', {value}); 1")
 
     def hold_until(self, side, wanted, way=None):
-        """Squeeze and move, until the session of that hand tells what is wanted."""
+        """Squeeze and move, until the session of that hand reports the expected state."""
         session = {"left": self.lab.left, "right": self.lab.right}[side]
         return held_until(
             session,
@@ -338,21 +343,21 @@ class Headset:
         )
 
     def raised(self):
-        """The right hand is held and raised, so that its tool rises."""
+        """Hold and raise the right hand until its tool rises."""
         return self.hold_until("right", "device.axes[2] > 0.3 and arm.twist[2] > 0.02", ("y", 1.26))
 
 
 @pytest.fixture(scope="module")
 def worn(lab, browser):
     iwer = installed("iwer", "2.5.0") / "node_modules/iwer/build/iwer.min.js"
-    # The smaller, the less is drawn without a graphics card.
+    # A small window limits the drawing without a graphics card.
     with browser.open(lab.server.address, 640, 480, scripts=[iwer.read_text() + HEADSET]) as page:
         yield Headset(page, lab)
 
 
 @pytest.fixture
 def headset(worn):
-    """It, with both hands in sight and free."""
+    """The headset with both hands tracked and released."""
     for side in ("left", "right"):
         worn.press(side, "squeeze", 0)
     for each in BACK.values():
@@ -365,7 +370,7 @@ def headset(worn):
 
 def test_both_hands_of_a_headset_move_an_arm_each(headset):
     left, right = headset.lab.left, headset.lab.right
-    # Forward is -z there and x here: the tool goes as far as the hand since it was held.
+    # Forward is -z in the headset and x here: the tool moves as far as the hand since the squeeze.
     headset.hold_until("left", "abs(robot.pose[0] - began[0] - 0.05) < 0.003", ("z", -0.45))
     headset.press("left", "squeeze", 0)
     left.until("'hold' not in device.buttons")
@@ -377,17 +382,17 @@ def test_both_hands_of_a_headset_move_an_arm_each(headset):
 
 
 def gone(headset):
-    """Its battery is empty."""
+    """The controller's battery is empty."""
     headset.page.value("headset.controllers.right.connected = false; 1")
 
 
 def guessed(headset):
-    """Out of the cameras' sight: where it is is a guess."""
+    """The controller is out of the cameras' view, so that its position is estimated."""
     headset.page.value("window.guessed = true")
 
 
 def taken_off(headset):
-    """The system shows something else: the session gets no frames, or is told that it is hidden."""
+    """The system shows another view: the session gets no frames, or is hidden."""
     headset.page.value("headset.updateVisibilityState('hidden'); 1")
 
 
@@ -411,7 +416,7 @@ def test_a_hand_that_is_lost_stops_and_comes_back_by_a_new_press(headset, loss):
     right.until("device.link != 'live' and not any(device.axes)")
     right.rests()
     headset.page.value(BACK[loss])
-    # Squeezed still: it does not count until it has let go.
+    # A squeeze that never ended does not count as a new one.
     right.rests(0.6)
     headset.press("right", "squeeze", 0)
     if loss is jumped:

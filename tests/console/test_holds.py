@@ -1,4 +1,4 @@
-"""Every end of a hold on the page stops the arm, and nothing moves it again by itself."""
+"""Every end of a hold on the page stops the arm, which does not move again by itself."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tests.console.page_input import FINGER, MOUSE, RELOADED, STATE, WHY, enable
 from tests.console.robot_and_server import console_server
 from tests.waiting import until
 
-pytestmark = pytest.mark.matrix  # A browser that draws by software.
+pytestmark = pytest.mark.matrix  # The browser draws by software.
 
 LATE_S = 1.0
-"""Allowance for a busy computer: none of these programs has a core of its own, in a test."""
+"""Tolerance for a busy computer, where all programs of a test share few cores."""
 WATCHED_S = 0.6
-"""Time after the end of a fault."""
+"""Time of watching after the end of a fault."""
 AGAIN_M = 0.003
-"""Distance that the controller's position loop still closes after it first stands."""
+"""Distance that the controller's position loop still closes after the first standstill."""
 
 
 @pytest.mark.real
@@ -36,7 +36,7 @@ def test_nothing_moves_before_rearming(bench, page):
 
 @pytest.mark.real
 def test_a_script_of_the_page_cannot_hold(bench, page):
-    """Only acts of a person count."""
+    """Only trusted events of the browser start a hold, not events that a script creates."""
     enable(page)
     at_s = time.monotonic()
     page.value(
@@ -63,7 +63,8 @@ LONGEST_GAP = "(all => Math.max(...all.slice(1).map((each, at) => each - all[at]
 
 
 def test_what_proves_that_the_browser_lives_passes_through_its_main_process(bench, page, browser):
-    """With that process alone stopped, the page runs on and hears no echo of its pulse."""
+    """If the main process alone is stopped, the page keeps running and gets no echo of its
+    pulse."""
     page.value(ECHOES)
     page.until("echoes.length > 10")
     browser.hang(2.0)
@@ -73,12 +74,12 @@ def test_what_proves_that_the_browser_lives_passes_through_its_main_process(benc
 
 
 NO_CHROMIUM = "delete Navigator.prototype.userAgentData"
-"""A browser of which nobody knows what its echo proves."""
+"""Makes the page treat the browser as an unknown one, whose echo proves nothing."""
 
 
 def test_a_hold_without_a_sign_of_the_person_ends_and_is_announced(bench, browser):
-    """The mouse is held still, in another browser than Chromium. A browser on a busy computer ends
-    a hold for causes of its own: then it is begun anew."""
+    """The mouse is held without motion, in a browser that does not identify as Chromium. A browser
+    on a busy computer may end a hold for other reasons; the hold is then repeated."""
     tcp, end_s = bench.robot.tcp, time.monotonic() + 30.0
     scripts = [keeps(speed=2), NO_CHROMIUM]
     with (
@@ -110,8 +111,8 @@ WebSocket.prototype.send = function (data) {
 
 
 def test_a_touch_goes_on_sending_while_the_browser_looks_for_a_gesture(bench, page):
-    """Chromium holds timers back for 100 ms after a touch of its own; a busy computer now and then
-    does so, too."""
+    """Chromium delays timers by 100 ms after the start of a touch; a busy computer sometimes does
+    the same."""
     page.value(FRAMES_SENT)
     most = 0
     for _ in range(5):
@@ -125,7 +126,7 @@ def test_a_touch_goes_on_sending_while_the_browser_looks_for_a_gesture(bench, pa
 
 
 def test_a_second_finger_on_another_button_moves_nothing_else(bench, page):
-    """Only the first hold counts: it goes on as it is; the second finger keeps nothing alive."""
+    """Only the first hold counts and continues; the second finger does not keep any hold alive."""
     tcp = bench.robot.tcp
     at = hold(page, FINGER, jog("X", -1), lambda: tcp.moving)
     other = page.value(

@@ -1,4 +1,5 @@
-"""Look of the console's page: legibility, names, colors and reach of its parts, on each screen."""
+"""Appearance of the console page: legibility, names, colors and reach of its parts, on each
+screen."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ OVERLAPS = f"""
 """
 
 ENGLISH = keeps(language="en")
-"""Pages of one browser share what they keep."""
+"""Fixed language, because pages of one browser share their stored settings."""
 
 LONG_REASON = "the controller does not answer and is asked again every second, " * 8
 
@@ -81,7 +82,7 @@ def show(page, tab):
 
 
 def test_a_long_reason_ends_between_two_lines_and_is_whole_where_it_is_pressed(phone):
-    # A copy of the line: the page's own is written anew ten times a second.
+    # The test measures a copy, because the page writes its own line ten times a second.
     phone.value(
         "window.copy = document.querySelector('.why').cloneNode(true);"
         "document.querySelector('.why').after(copy); 1"
@@ -102,7 +103,7 @@ def test_a_long_reason_ends_between_two_lines_and_is_whole_where_it_is_pressed(p
 
 
 def test_the_reason_moves_no_control_on_a_phone(phone):
-    """A control under a finger stays there, however long the reason is."""
+    """A long reason must not move a control away from the finger on it."""
     tops = phone.value(
         "(e => { const found = []; const inner = e.querySelector('*') ?? e;"
         f"for (const text of ['Ready', {LONG_REASON!r}]) {{ inner.textContent = text;"
@@ -277,7 +278,7 @@ def test_plots_step_once_a_second_where_less_motion_is_wanted(address, browser):
 
 
 def test_the_controls_and_stop_are_drawn_before_the_picture(address, browser):
-    """The page can be used while the 3-D scene is still on its way."""
+    """The page works while the 3-D scene is still loading."""
     slow = """
       const get = HTMLCanvasElement.prototype.getContext;
       HTMLCanvasElement.prototype.getContext = function (kind, ...more) {

@@ -1,4 +1,4 @@
-"""The console's page in a real browser draws a neighbor where its joint states have it."""
+"""The console page in a real browser draws a neighbor at its reported joint states."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.console.browser import WAIT_S
 from tests.console.page_input import RELOADED
 from tests.console.served_arm import served_arm
 
-pytestmark = pytest.mark.matrix  # A browser that draws by software.
+pytestmark = pytest.mark.matrix  # The browser draws by software.
 
 TOPIC, STATE = "/right/joint_states", "sensor_msgs/msg/JointState"
 NEIGHBOR = f"""
@@ -37,10 +37,11 @@ max_age_s = 0.5
 PERIOD_S = 0.05
 
 TURNED = 10.0
-"""Pixels; a quarter of a turn moves it farther."""
+"""Least shift in the picture, pixels, of a neighbor that was turned; a quarter of a turn shifts it
+farther."""
 
 LEAST = 150
-"""Dots of the picture that a neighbor covers at least."""
+"""Least number of pixels of the picture that a neighbor covers."""
 
 FOLDED = [0.0, 0.0, 2.9, 0.0, 0.0, 0.0]
 """Joints of a UR5 whose forearm is folded back along its upper arm, which points along x."""
@@ -63,11 +64,11 @@ PURPLE = """
   return found;
 })
 """
-"""Where a picture has a neighbor's color, in dots from the corner of a part of it."""
+"""JavaScript function that returns the pixels in a neighbor's color, in a section of a picture."""
 
 
 class Neighbor:
-    """Joint states of the neighbor, again and again until it falls silent."""
+    """Publishes the neighbor's joint states periodically until it falls silent."""
 
     def __init__(self, network):
         self.joints = list(FOLDED)
@@ -96,13 +97,13 @@ class Neighbor:
 
 @pytest.fixture(scope="module")
 def arm(built, tmp_path_factory):
-    """A session whose arm has a neighbor of which nothing is heard yet."""
+    """A session whose arm has a neighbor that has not yet published."""
     with served_arm(tmp_path_factory.mktemp("session"), built, NEIGHBOR) as served:
         yield served
 
 
 def purple(page, blank):
-    """Where the picture of the arm has the neighbor's color: dots right and up of its corner."""
+    """Pixels of the arm's picture in the neighbor's color, right and up of its corner."""
     corner = page.value(
         "(b => [b.x, b.y, b.width, b.height].map(Math.round))"
         "(document.querySelector('.picture').getBoundingClientRect())"
@@ -113,8 +114,7 @@ def purple(page, blank):
 
 
 def middle(page, blank, last):
-    """The middle of the neighbor, once it is drawn elsewhere than at the `last` place, and rests
-    in the picture."""
+    """Center of the neighbor, once it is at rest in the picture at another place than `last`."""
     end_s, before = time.monotonic() + WAIT_S, np.full(2, np.inf)
     while True:
         dots = purple(page, blank)
@@ -128,7 +128,7 @@ def middle(page, blank, last):
 
 
 def gone(page, blank):
-    """Nothing of the neighbor is in the picture, or that is waited for in vain."""
+    """Wait until no part of the neighbor is in the picture; fail after a time limit."""
     end_s = time.monotonic() + WAIT_S
     while len(dots := purple(page, blank)) >= LEAST:
         assert time.monotonic() < end_s, f"{len(dots)} dots are still a neighbor's"
@@ -137,7 +137,8 @@ def gone(page, blank):
 
 @pytest.mark.timeout(300)
 def test_a_neighbor_is_where_its_joint_states_have_it_and_gray_once_they_are_old(arm, browser):
-    """Seen from above, its outstretched arm turns about its base as its first joint does."""
+    """Seen from above, the neighbor's outstretched arm turns about its base by the angle of its
+    first joint."""
     network, address = arm
     with browser.open(address, 1440, 900) as page, browser.open("about:blank") as blank:
         page.until(RELOADED)
@@ -156,7 +157,7 @@ def test_a_neighbor_is_where_its_joint_states_have_it_and_gray_once_they_are_old
     along, across = seen[0] - base, seen[1] - base
     size = np.linalg.norm(along)
     assert size > 15.0
-    # From above, x is down in the picture and y to the right.
+    # Seen from above, x points down in the picture and y to the right.
     assert along[1] < -0.9 * size
     assert across[0] > 0.7 * size
     assert abs(across[1]) < 0.4 * size

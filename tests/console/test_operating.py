@@ -1,4 +1,4 @@
-"""The console's page in a real browser: surroundings of the arm, goals, and two users."""
+"""The console page in a real browser: the arm's surroundings, goals, and two users."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.console.page_input import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import ARM, motion_of, served_arm, stops
 from tests.gateway.servers.bench import WAIT_S
 
-pytestmark = pytest.mark.matrix  # A browser that draws by software.
+pytestmark = pytest.mark.matrix  # The browser draws by software.
 
 TRIGGER = "std_srvs/srv/Trigger"
 NO_VALUES = codec_of("std_srvs/srv/Trigger_Request").encode({DUMMY_MEMBER: 0})
@@ -46,21 +46,21 @@ AUTHORITY = "document.querySelector('.authority').textContent"
 
 @pytest.fixture(scope="module")
 def bus(built, tmp_path_factory):
-    """The bus of a session with obstacles, and the address of the page."""
+    """Network of a session with obstacles, and the address of the page."""
     with served_arm(tmp_path_factory.mktemp("session"), built, AROUND) as running:
         yield running
 
 
 @pytest.fixture
 def moving(bus):
-    """Whether the arm moves: `moving()`."""
+    """`moving()` returns true if the arm moves."""
     with motion_of(bus[0]) as moves:
         yield moves
 
 
 @pytest.fixture
 def page(bus, browser):
-    """The page, which shows the arm and what is around it."""
+    """The page, showing the arm and its surroundings."""
     with browser.open(bus[1]) as page:
         page.until(RELOADED)
         page.until(f"{LABEL}.includes('table')")
@@ -68,7 +68,8 @@ def page(bus, browser):
 
 
 def press(page, *words):
-    """Press the button that says so, or one of these, which may be out of sight."""
+    """Press the button with this label, or with one of these, even if it is scrolled out of
+    view."""
     page.value(f"{_button(*words)}.click()")
 
 
@@ -80,9 +81,9 @@ def _button(*words):
 
 
 def press_until(page, words, watched, expression):
-    """Press until a page shows what comes of it: what a busy computer brings too late is refused,
-    and a person presses again while the button is there. `words`: what it says, or each of what it
-    may say."""
+    """Press until a page shows the result: an action that a busy computer delays is refused, and a
+    user would press again while the button is there. `words`: the button's label, or its possible
+    labels."""
     end_s = time.monotonic() + WAIT_S
     words = (words,) if isinstance(words, str) else words
     page.until(f"Boolean({_button(*words)})")
@@ -97,8 +98,8 @@ def press_until(page, words, watched, expression):
 
 
 def ask_and_hand_over(one, other):
-    """Enable motion on page `one`, then request the arm on page `other` and get it. Repeat both if
-    they fail: an arm that stood still with its computer has no owner for a moment."""
+    """Enable motion on page `one`, then request the arm on page `other` and get it. Repeat both on
+    a failure: after a pause of the computer an arm has no owner for a moment."""
     end_s = time.monotonic() + WAIT_S
     has_it = f"{AUTHORITY}.startsWith('Authorityyou')"
     while not other.value(has_it):
@@ -114,7 +115,7 @@ def ask_and_hand_over(one, other):
 
 
 def wanted(page, label, value):
-    """Set a slider's number; return the page's text about the goal."""
+    """Set a slider's value; return the page's text about the goal."""
     page.value(
         f"(e => {{ e.value = {value}; e.dispatchEvent(new Event('change')) }})"
         f"(document.querySelector('input[type=number][aria-label^=\"{label},\"]'))"
@@ -144,7 +145,7 @@ def test_a_dragged_gizmo_makes_a_ghost_and_nothing_moves(page, moving):
         "(b => [b.x, b.y, b.width, b.height])"
         "(document.querySelector('canvas').getBoundingClientRect())"
     )
-    # The upper arrow of the gizmo, about 50 pixels above the TCP, wherever the view has it.
+    # The upper arrow of the gizmo is about 50 pixels above the TCP, depending on the view.
     for share_y in (0.44, 0.42, 0.46, 0.40, 0.48, 0.38, 0.50):
         at = left + 0.693 * width, top + share_y * height
         page.ask("Input.dispatchMouseEvent", type="mouseMoved", x=at[0], y=at[1])
@@ -164,14 +165,14 @@ def test_a_goal_is_looked_at_and_the_arm_goes_there_while_it_is_held(page):
     assert wanted(page, "X", 1400).startswith("Not reachable")
     assert page.value("document.querySelector('.send').disabled")
     lowest = "document.querySelector('input[type=range][aria-label=Z]').min"
-    assert page.value(lowest) == "100"  # The workspace's wall.
+    assert page.value(lowest) == "100"  # the workspace's wall
     press(page, "Here")
     page.value("[...document.querySelectorAll('#panel-goal .choice input')][1].click()")
     assert wanted(page, "shoulder pan", before + 4).startswith("Reachable")
     end_s = time.monotonic() + WAIT_S
     while "arrived" not in page.value(WHY):
         assert time.monotonic() < end_s, page.value(WHY)
-        # A browser on a busy computer stands still now and then, which rightly ends the hold.
+        # A browser on a busy computer sometimes pauses, which correctly ends the hold.
         enable(page)
         page.until(f"!{VERDICT}.startsWith('Looking')")
         at = page.center(".send")
@@ -208,7 +209,8 @@ def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, b
         at = hold(one, MOUSE, jog("X"), moving)
         press(other, "StopEsc")
         stops(moving)
-        # The arm refuses the hold at once; that it was a stop, which disarms, comes a moment later.
+        # The arm refuses the hold at once; the report that a stop disarmed it follows a moment
+        # later.
         one.until(f"{STATE} === 'watching'")
         MOUSE.let_go(one, at)
 
@@ -239,7 +241,7 @@ def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
             (by_the_other_page, "ros2 /rosbridge_client_"),
             (by_a_program, "ros2 /console)"),
         ):
-            # While a hold moves the arm.
+            # during the motion of a hold
             at = hold(one, MOUSE, jog("X"), moving)
             stop()
             stops(moving)
@@ -248,7 +250,7 @@ def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
             MOUSE.let_go(one, at)
             presses_in_vain(one, moving)
 
-            # While nothing is held.
+            # without a hold
             enable(one)
             stop()
             one.until(f"{STATE} === 'watching'")
@@ -259,7 +261,7 @@ def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
 
 
 def presses_in_vain(page, moving):
-    """Press the buttons that would move the arm: none does."""
+    """Press the buttons that normally move the arm, and check that none does."""
     at = page.center(jog("X"))
     page.mouse("mousePressed", at)
     end_s = time.monotonic() + 1.0

@@ -1,4 +1,4 @@
-"""The console's page in a real browser: it loads, shows the arm, and fits its screen."""
+"""The console page in a real browser loads, shows the arm, and fits its screen."""
 
 from __future__ import annotations
 

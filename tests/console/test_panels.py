@@ -1,4 +1,4 @@
-"""Plots, records, sensors and programs of the page in a real browser."""
+"""Plots, records, sensors and programs of the console page in a real browser."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GRAY = base64.b64decode(
     "////////////////////////////////wAALCAAIAAgBAREA/8QAFAABAAAAAAAAAAAAAAAAAAAAAP/EABQQAQAA"
     "AAAAAAAAAAAAAAAAAAD/2gAIAQEAAD8AP//Z"
 )
-"""A picture of 8 by 8, as JPEG."""
+"""A JPEG picture of 8 × 8 pixels."""
 
 IMU = "sensor_msgs/msg/Imu"
 
@@ -32,21 +32,21 @@ pytestmark = pytest.mark.matrix
 
 @pytest.fixture(scope="module")
 def bus(built, tmp_path_factory):
-    """The bus of a running session, and the address of the page."""
+    """Network of a running session, and the address of the page."""
     with served_arm(tmp_path_factory.mktemp("session"), built) as running:
         yield running
 
 
 @pytest.fixture
 def page(bus, browser):
-    """The page, which shows the arm."""
+    """The page, showing the arm."""
     with browser.open(bus[1]) as page:
         page.until(RELOADED)
         yield page
 
 
 def press(page, label):
-    """A button of the plots."""
+    """Press a button of the plots panel."""
     page.value(
         "[...document.querySelectorAll('#panel-plots button')]"
         f".find(each => (each.ariaLabel ?? each.textContent) === {label!r}).click()"
@@ -138,7 +138,7 @@ def test_this_device_is_a_sensor_which_is_drawn_beside_a_camera(bus, built, brow
         page.until("!document.querySelector('#panel-sensors select[aria-label=Camera]').hidden")
         page.value(button("Start"))
         page.until("document.querySelector('.camera').naturalWidth === 8")
-        # Each is shown, or no second one would come, and the age would grow.
+        # Every picture must be shown, or the next would not be sent, and the age would grow.
         shown = filmed.pictures
         until(lambda: filmed.pictures > shown + 100, "the camera gives pictures for a second")
         page.until("document.querySelector('.sight').dataset.age === 'fresh'")
@@ -179,11 +179,11 @@ setInterval(() => {
   dispatchEvent(moved);
 }, 20);
 """
-"""Those of a phone that lies in a hand, upright."""
+"""Emulates the motion sensors of a phone held upright."""
 
 
 def button(label):
-    """Press a button of the sensors."""
+    """Press a button of the sensors panel."""
     return (
         "[...document.querySelectorAll('#panel-sensors button')]"
         f".find(each => each.textContent === {label!r}).click()"

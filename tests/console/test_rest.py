@@ -1,4 +1,4 @@
-"""Detection of an arm's rest in the tests of the page."""
+"""Detection of an arm's rest, as the tests of the page use it."""
 
 import pytest
 
@@ -8,8 +8,8 @@ SAMPLE_S = 0.004
 
 
 def watched(stands_from_s, moves_again_s, waits):
-    """The arm moves for 0.1 s, stands, and goes 3 mm on; commands come at 250 Hz, but for those
-    that wait from the one time to the other and come all at once then."""
+    """Simulate an arm that moves for 0.1 s, stands still, and moves 3 mm further. Commands arrive
+    at 250 Hz, except that those within `waits` are delayed and arrive together at its end."""
     times = [SAMPLE_S * step for step in range(300)]
     away, commands = [], []
     for when in times:
@@ -25,7 +25,7 @@ def test_an_arm_that_stood_and_goes_on_is_found():
 
 
 def test_one_that_stood_while_its_commands_waited_did_not_rest():
-    # It is where it was: the commands are there, and were not obeyed yet.
+    # The arm stood still only because it had not yet executed the delayed commands.
     assert watched(0.1, 0.45, (0.11, 0.42)) == 0.0
 
 

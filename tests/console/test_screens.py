@@ -1,4 +1,5 @@
-"""The page on small and large screens, as it was seen and agreed on; and for all who use it."""
+"""Appearance of the page on small and large screens, compared with stored pictures; and its
+accessibility."""
 
 from __future__ import annotations
 
@@ -16,9 +17,9 @@ from tests.npm import installed
 pytestmark = pytest.mark.matrix
 
 OTHER = 24.0
-"""Of 255: two blocks are different from here on."""
+"""Difference of color, of 255, from which two blocks count as different."""
 MOST_OTHER = 0.04
-"""Share of the blocks that may be: fonts and rounding of another system."""
+"""Share of blocks that may differ, because of fonts and rounding of another system."""
 
 TABS = ("move", "goal", "plots", "device", "setup")
 
@@ -31,7 +32,7 @@ def address(built, tmp_path_factory):
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_the_page_looks_as_its_picture_does(address, browser, name):
-    """Where it looks different on purpose: make console-pictures."""
+    """If the change of the page is intended, run `make console-pictures`."""
     stored = (FOLDER / f"{name}.webp").read_bytes()
     with shown(browser, address, SCREENS[name]) as page:
         left_out, picture = masks(page), page.picture()
@@ -50,7 +51,7 @@ AXE = "axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 
     ("language", "theme", "size"), [("en", "light", (360, 740)), ("es", "dark", (1280, 800))]
 )
 def test_nobody_is_kept_from_using_it(address, browser, language, theme, size):
-    """axe-core finds nothing serious on any panel."""
+    """axe-core finds no serious violation on any panel."""
     axe = (installed("axe-core", "4.14.1") / "node_modules/axe-core/axe.min.js").read_text()
     settings = keeps(language=language, theme=theme)
     with browser.open(address, *size, scripts=[settings]) as page:

@@ -1,4 +1,4 @@
-"""Access by a browser, authority over the arm of two, and a visitor that does not read."""
+"""Access of a browser, authority over the arm with two pages, and a client that does not read."""
 
 from __future__ import annotations
 
@@ -39,13 +39,14 @@ new Promise((resolve) => {
 
 
 def test_two_browsers_and_one_arm(bench, browser):
-    """The one that has it moves it; the other one is told who has it, and gets it afterwards."""
+    """The page with the authority moves the arm; the other page shows the owner, and gets the arm
+    afterwards."""
     tcp = bench.robot.tcp
     with browser.open(bench.address) as one, browser.open(bench.address) as two:
         for page in (one, two):
             page.until(RELOADED)
         at = hold(one, MOUSE, jog("X", -1), lambda: tcp.moving)
-        # The other one tries, while the first one holds on.
+        # The other page tries while the first one holds.
         enable_anyway(two)
         MOUSE.press(two, jog("X"))
         end_s = time.monotonic() + 0.4
@@ -62,14 +63,14 @@ def test_two_browsers_and_one_arm(bench, browser):
 
 
 def enable_anyway(page):
-    """Where another one has the arm the page may not let a hand do it at all."""
+    """Click enable, unless the page disables it because another client has the arm."""
     if page.value("!document.querySelector('.enable').disabled"):
         page.click(".enable")
 
 
 @pytest.fixture(scope="module")
 def guarded(bench):
-    """A server that asks for a token, on the same bus."""
+    """A server that requires a token, on the same network."""
     tokens = f"operator {TOKEN}\nviewer {VIEWER}"
     with console_server(
         bench.robot.endpoint, environment={"CARDAN_SERVER_TOKEN": tokens}
@@ -83,7 +84,7 @@ def test_a_page_with_the_right_token_comes_in_and_hides_it(guarded, browser):
     with browser.open(f"{address}#t={TOKEN}") as page:
         page.until(RELOADED)
         assert TOKEN not in page.value("location.href")
-        # A reload keeps it for this tab.
+        # A reload keeps the token for this tab.
         page.ask("Page.reload")
         page.until(RELOADED)
     with browser.open(f"{address}#t=wrong-0123456789") as page:
@@ -125,7 +126,7 @@ def test_another_token_in_the_address_of_an_open_page_counts(guarded, browser):
 
 
 def test_a_viewers_stop_stops_the_arm(bench, guarded, page, browser):
-    """Stopping needs no authority, and no operator's token."""
+    """Stopping needs no authority and no operator token."""
     address, tcp = guarded.address.partition("#")[0], bench.robot.tcp
     with browser.open(f"{address}#t={VIEWER}") as viewer:
         viewer.until(RELOADED)
@@ -141,7 +142,8 @@ def test_a_viewers_stop_stops_the_arm(bench, guarded, page, browser):
 
 
 def test_a_page_from_elsewhere_does_not_come_in(bench, guarded, browser):
-    """Not even with the token, nor where none is needed: any page that a person visits could."""
+    """A foreign page is refused even with the token, and even by a server without tokens: any page
+    that a user visits could try."""
     for port, token in ((bench.server.port, ""), (guarded.port, f"?t={TOKEN}")):
         address = f"ws://127.0.0.1:{port}/ws{token}"
         with browser.open("data:text/html,elsewhere") as page:
@@ -159,7 +161,7 @@ def test_a_name_that_is_not_the_servers_shows_nothing(bench, browser):
 
 
 def test_a_client_that_does_not_read_costs_the_others_nothing(bench, page):
-    """It subscribes to everything, at full rate, and never reads; a page goes on as before."""
+    """The client subscribes to everything at full rate and never reads; a page is not affected."""
     idle = socket.create_connection(("127.0.0.1", bench.server.port), WAIT_S)
     idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     with connect(
@@ -180,7 +182,7 @@ def test_a_client_that_does_not_read_costs_the_others_nothing(bench, page):
 
 
 def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tmp_path):
-    """The server is started anew with another certificate at the same port; the tab stays open."""
+    """The server restarts with another certificate at the same port while the tab stays open."""
     state = {"STATE_DIRECTORY": str(tmp_path), "CARDAN_SERVER_TOKEN": TOKEN}
     port = free_tcp_port()
     words = ["--host", "0.0.0.0", "--port", str(port)]
@@ -191,7 +193,7 @@ def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tm
     old = own_certificate(["127.0.0.1", "localhost"], long_ago, tmp_path).fingerprint
     with contextlib.ExitStack() as stack:
         with console_server(bench.robot.endpoint, words, state):
-            # It ends within 30 days: it is made anew at the start.
+            # The certificate expires within 30 days, so the server replaces it at the start.
             first = own_certificate([], now, tmp_path)
             assert first.fingerprint != old
             address = f"https://127.0.0.1:{port}/#t={TOKEN}"

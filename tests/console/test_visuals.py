@@ -1,4 +1,4 @@
-"""The console's page in a real browser shows an arm by its visual meshes, where they are there."""
+"""The console page in a real browser shows an arm by its visual meshes, if it has them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cardan.robots import load_arm
 from tests.console.page_input import RELOADED
 from tests.console.served_arm import served_arm
 
-pytestmark = pytest.mark.matrix  # A browser that draws by software.
+pytestmark = pytest.mark.matrix  # The browser draws by software.
 
 OBJ = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 VISUAL = (
@@ -27,7 +27,7 @@ REPORTED = "document.body.textContent.includes({!r})"
 
 @pytest.fixture(scope="module")
 def address(built, tmp_path_factory):
-    """Of a page that shows a UR5 of which three links have meshes, one of them damaged."""
+    """Address of a page that shows a UR5 of which three links have meshes, one of them damaged."""
     folder = tmp_path_factory.mktemp("session")
     text = (files("cardan") / "robots" / "ur5.urdf").read_text(encoding="utf-8")
     for link, file in (("upper_arm", "one.obj"), ("forearm", "one.obj"), ("wrist_1", "bad.stl")):
@@ -39,7 +39,7 @@ def address(built, tmp_path_factory):
     (folder / "own.urdf").write_text(text)
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setenv("CACHE_DIRECTORY", str(folder / "cache"))
-        load_arm(str(folder / "own.urdf"))  # Kept: the session is there at once.
+        load_arm(str(folder / "own.urdf"))  # fills the cache, so that the session starts at once
         with served_arm(folder, built, model=str(folder / "own.urdf")) as (_, address):
             yield address
 

@@ -1,6 +1,6 @@
-"""An engine that follows a hand's pose, in virtual time, with a robot that may lag.
+"""A controller that follows a device's pose, in virtual time, with a robot that may lag.
 
-Every command is checked: no step, no speed and no acceleration beyond the limits.
+Every command is checked: no step, and no speed or acceleration beyond the limits.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from tests.controllers import controller_for_device
 
 DT_S = 0.004
 LONGEST_PERIOD_S = 0.02
-"""Of the robots that the plans play: no time is lost to them."""
+"""Longest period of the robots in the plans, so that no cycle counts as missed."""
 START = Pose(Vector3(0.5, 0.0, 0.4), from_euler_zyx(math.pi, 0.0, 0.3))
 HAND = Pose(Vector3(0.1, -0.2, 0.3), from_euler_zyx(0.1, 0.2, 0.3))
 DEFLECTIONS = (0.3, -0.2, 0.1, 0.0, 0.4, 1.0)
@@ -59,7 +59,7 @@ def close(a, b, tolerance=1e-6):
 
 
 class DevicePoseBench:
-    """A hand that goes where it is sent as fast as hands do, buttons, and a robot."""
+    """A device that moves to its goal at the speed of a human hand, with buttons, and a robot."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class DevicePoseBench:
         filters=(),
         **options,
     ):
-        """All other options are those of the mapping."""
+        """`options` are further options of the mapping."""
         if not options.get("deadman"):
             options.setdefault("clutch", "button_2")
         self.limits = limits or ReferenceLimits()
@@ -91,7 +91,7 @@ class DevicePoseBench:
         self.stuck = False
         self.command = None
         self.velocity = None
-        """Linear and angular, from the two newest commands."""
+        """Linear and angular velocity, from the two newest commands."""
 
     # -- actions of the operator ---------------------------------------------------------------
 
@@ -180,7 +180,7 @@ class DevicePoseBench:
         self.velocity = linear, angular
 
     def _check_first(self, dt_s):
-        """A command after none begins at rest, and may be under way already."""
+        """A command after none begins at rest, and may already contain one step of motion."""
         twist, limits = self.command.twist or ZERO_TWIST, self.limits
         assert norm(twist.linear) <= limits.linear_acceleration_m_s2 * dt_s + ROUNDING
         assert norm(twist.angular) <= limits.angular_acceleration_rad_s2 * dt_s + ROUNDING
@@ -206,7 +206,7 @@ class DevicePoseBench:
 
     @property
     def mapped_device(self):
-        """Where the engine's map says that the TCP goes."""
+        """TCP position to which the controller's map sends the device's position."""
         world = self.core.device_map()
         x = self.device.pose.position
         rows = (world.linear[0:3], world.linear[3:6], world.linear[6:9])

@@ -1,4 +1,4 @@
-"""Drivers with no hardware and no clock behind them, for the gateway's own tests."""
+"""Drivers without hardware and without a clock, for the gateway's tests."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class FakeDeviceOptions(Options):
 
 
 class FakeDevice(OperatorDevice):
-    """At rest for ten looks, then dead-man "go" held and x deflected."""
+    """A device at rest for ten reads, then with dead-man "go" held and x deflected."""
 
     Options = FakeDeviceOptions
     capabilities = DeviceCapabilities(False, ("go", "grip"), frozenset({"led"}), False)
@@ -85,7 +85,7 @@ class FakeRobotOptions:
 
 
 class FakeRobot(RobotDriver):
-    """An ideal robot that is where it is told, `cycles` times, as fast as it is asked."""
+    """An ideal robot that is at its command, for `cycles` cycles as fast as they are read."""
 
     Options = FakeRobotOptions
 

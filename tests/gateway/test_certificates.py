@@ -1,4 +1,4 @@
-"""Fields read from a certificate, held against openssl and Python's own reader."""
+"""Fields read from a certificate, compared with openssl and Python's own reader."""
 
 import contextlib
 import datetime
@@ -24,7 +24,7 @@ def test_certificates_of_openssl(tmp_path, names, read):
     found = read_certificate(path.read_text())
     assert found.names == read
     assert found.ends - found.begins == datetime.timedelta(days=30)
-    # Those that sign themselves are certificates of an authority, which Python shows.
+    # Self-signed certificates count as an authority's, which Python can show.
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.load_verify_locations(path)
     (same,) = context.get_ca_certs()
@@ -33,7 +33,7 @@ def test_certificates_of_openssl(tmp_path, names, read):
 
 
 def test_a_certificate_of_the_next_centuries(tmp_path):
-    path, _ = certificates.make(tmp_path, 40_000)  # Beyond 2050 a time has another form.
+    path, _ = certificates.make(tmp_path, 40_000)  # times beyond 2050 have another encoding
     assert read_certificate(path.read_text()).ends.year > 2050
 
 
@@ -66,4 +66,4 @@ SAMPLE = bytes.fromhex(
     "301e" "170d3236303130313030303030305a" "170d3237303130313030303030305a"
     "3000" "3000" "a30e" "300c" "300a" "0603551d11" "0403" "300182"
 )  # fmt: skip
-"""As short as one can be; its list of names is cut off."""
+"""A minimal certificate, whose list of names is truncated."""

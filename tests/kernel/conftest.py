@@ -1,4 +1,4 @@
-"""These tests need a kernel of their own: tools/kernel-vm boots one and runs them inside."""
+"""These tests need a kernel of their own: tools/kernel-vm boots one and runs the tests in it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import pytest
 INSIDE = os.environ.get("CARDAN_KERNEL_VM") == "1"
 
 collect_ignore_glob = [] if INSIDE else ["test_*.py"]
-"""Outside the virtual machine nothing here is collected."""
+"""Collect nothing outside of the virtual machine."""
 
 FAULT_ROW = "fault-row "
-"""Begins a line with what a session did on a bad network, as JSON: ``python -m
-tests.process_faults --kernel LOG`` takes these lines into its tables."""
+"""Prefix of a line with a session's result on a bad network, as JSON: ``python -m
+tests.process_faults --kernel LOG`` copies these lines into its tables."""
 
 _fault_rows: list[dict[str, Any]] = []
 
@@ -35,7 +35,7 @@ def load_module(name: str, *parameters: str) -> None:
 
 @pytest.fixture
 def modules() -> Iterator[Callable[..., None]]:
-    """Load kernel modules by name, for good."""
+    """Load kernel modules by name; they stay loaded."""
 
     def load(*names: str) -> None:
         for name in names:
@@ -46,7 +46,7 @@ def modules() -> Iterator[Callable[..., None]]:
 
 @pytest.fixture
 def fault_rows() -> list[dict[str, Any]]:
-    """Rows that are printed at the end."""
+    """Rows to be printed at the end."""
     return _fault_rows
 
 
@@ -61,7 +61,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print the rows for the fault table, and the paths through the kernel that were exercised."""
+    """Print the rows for the fault table, and the kernel paths that the tests used."""
     if _fault_rows:
         terminalreporter.section("for the fault table")
         for row in _fault_rows:

@@ -23,7 +23,7 @@ def nodes_called(name: str) -> list[str]:
 
 @contextmanager
 def events_of(node: str) -> Iterator[EventReader]:
-    """The events of a node from now on."""
+    """Read the events of a node from now on."""
     fd = os.open(node, os.O_RDONLY | os.O_NONBLOCK)
     try:
         yield EventReader(fd)
@@ -32,14 +32,14 @@ def events_of(node: str) -> Iterator[EventReader]:
 
 
 class EventReader:
-    """Gathers (type, code, value)."""
+    """Collects events as (type, code, value)."""
 
     def __init__(self, fd: int) -> None:
         self._fd = fd
         self.events: list[tuple[int, int, int]] = []
 
     def gather(self) -> list[tuple[int, int, int]]:
-        """All events so far but the synchronizations."""
+        """All events so far, without synchronization events."""
         while True:
             try:
                 data = os.read(self._fd, 64 * EVENT.size)

@@ -1,6 +1,7 @@
-"""A pytest plug-in: what failed and why is said at once, not only when all tests have ended.
+"""A pytest plug-in that prints each failure and its reason at once, not only after all tests.
 
-A machine that is killed at its limit never comes to the end, where pytest has the details.
+A virtual machine that is killed at its time limit never reaches the end, where pytest prints the
+details.
 """
 
 from __future__ import annotations
@@ -8,11 +9,11 @@ from __future__ import annotations
 import pytest
 
 LINES = 6
-"""So many lines of a reason are shown; all are, at the end."""
+"""Greatest number of lines of a reason printed at once; the end has all of them."""
 
 
 def reason(report: pytest.TestReport) -> str:
-    """Where and why a test failed."""
+    """Return the location and reason of a failure."""
     crash = getattr(report.longrepr, "reprcrash", None)
     if crash is None:
         said = report.longreprtext
@@ -22,7 +23,7 @@ def reason(report: pytest.TestReport) -> str:
 
 
 class AtOnce:
-    """Says each failure when it is there."""
+    """Prints each failure as soon as the test has ended."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
@@ -36,5 +37,5 @@ class AtOnce:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register it with the run's terminal."""
+    """Register the plug-in."""
     config.pluginmanager.register(AtOnce(config), "failures at once")

@@ -1,5 +1,5 @@
-"""A session whose network becomes bad, or whose computer is set to another time, while its arm
-moves: rows of the fault table."""
+"""A session whose network becomes bad, or whose computer's clock is set, while its arm moves: rows
+of the fault table."""
 
 from __future__ import annotations
 
@@ -37,11 +37,12 @@ HAND = """
     9.4  loop
 """
 SECONDS = 300.0
-"""Longest time of the session; it ends once all was tried."""
+"""Longest time of the session; it ends once all faults were applied."""
 SILENCE_S = 0.5
-"""Of the link: as many of the slow periods here as 0.1 s is of real ones, and a half."""
+"""Silence limit of the link: one and a half times as many of the slow periods here as a real
+session has in 0.1 s."""
 STEADY = 3
-"""Snapshots, ten a second, in which the arm has its speed before the fault."""
+"""Number of snapshots, at ten a second, that must show the arm at its speed before a fault."""
 WATCH_S = 1.5
 
 Act = Callable[[Callable[..., None]], None]
@@ -52,7 +53,7 @@ def shaped(*words: str) -> Act:
 
 
 def stepped(seconds: float) -> Act:
-    """The computer is set to another time."""
+    """Set the computer's clock."""
     return lambda _: time.clock_settime(time.CLOCK_REALTIME, time.time() + seconds)
 
 
@@ -64,17 +65,18 @@ FAULTS: dict[str, Act] = {
 }
 
 GAPS = {f"{ms} ms of delay, each way" for ms in (100, 200)}
-"""Faults that begin with so long a gap that the arm stops."""
+"""Faults that begin with a gap so long that the arm stops."""
 
 
 def held_up(snapshot: Snapshot, name: str) -> bool:
-    """Whether the emulator was too slow for the session or its supervisor: another fault."""
+    """True if the emulator was too slow for the session or its supervisor, which is a different
+    fault."""
     said = f"{snapshot.arm.message} {snapshot.robot.hold_reason}"
     return "supervises" in said or ("stood still" in said and name not in GAPS)
 
 
 class Course:
-    """Faults in sequence, each while the arm moves steadily."""
+    """Applies faults in sequence, each while the arm moves steadily."""
 
     def __init__(self, loopback: Callable[..., None]) -> None:
         self._loopback = loopback
@@ -106,7 +108,7 @@ class Course:
             self._loopback("delay", "0ms")
             let_go = any("left" not in each.device.buttons for each in self._seen)
             if let_go or any(held_up(each, self._name) for each in self._seen):
-                self._left.append(self._name)  # Once more, after the others.
+                self._left.append(self._name)  # retried after the others
             else:
                 self.rows.append(self._row())
             self._name, self._steady = "", 0
@@ -127,7 +129,7 @@ class Course:
 
 
 def fastest(snapshots: list[Snapshot]) -> float:
-    """The highest speed that was commanded, m/s."""
+    """Highest commanded speed, m/s."""
     return max(math.hypot(*snapshot.arm.twist[:3]) for snapshot in snapshots)
 
 

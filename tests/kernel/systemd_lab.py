@@ -1,8 +1,8 @@
-"""A computer whose first process is systemd, with the service that `cardan daemon service install`
-makes.
+"""A computer with systemd as its first process, and the service that `cardan daemon service
+install` makes.
 
-Nothing of systemd is pretended: it starts the daemon, is told by it, watches it, and starts it
-anew; a SpaceMouse comes through the kernel, udev's rules and the unit's hardening.
+No part of systemd is simulated: it starts the daemon, gets its notifications, watches and restarts
+it. The events of a SpaceMouse pass through the kernel, udev's rules and the unit's hardening.
 """
 
 from __future__ import annotations
@@ -33,16 +33,17 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 RULES = Path("/run/udev/rules.d/70-cardan.rules")
 LAB, LAB_ID = "lab", 2000
 STARTS_WITHIN_S = 200.0
-"""An emulated processor starts the daemon and its session in ten seconds or so; it may be busy."""
+"""Longest wait: an emulated processor starts the daemon and its session in about ten seconds, and
+may be busy."""
 POLL_S = 0.5
-"""Each look is a program, which takes the emulated processor from what is waited for."""
+"""Period of polling: each poll starts a program, which slows the awaited event down."""
 COMMAND_S = 300.0
 """Longest time of a command: `systemctl start` waits for the daemon."""
 PEERS_S = 1500.0
-"""The simulated peers end by themselves after this; the emulator needs minutes for the tests."""
+"""Lifetime of the simulated peers; in the emulator the tests take minutes."""
 PORT = 6510
 PERIOD_S = 0.04
-"""Of the simulated controller: 4 ms are too short for this processor."""
+"""Period of the simulated controller; 4 ms are too short for this processor."""
 
 LAYOUT = """
 [[sessions]]
@@ -70,12 +71,12 @@ def run(*words: str, check: bool = True) -> str:
 
 
 def wait(ask: Callable[[], _T]) -> _T:
-    """The first true answer of `ask`, which starts a program."""
+    """First true result of `ask`, which starts a program."""
     return wait_for(ask, STARTS_WITHIN_S, POLL_S)
 
 
 def overlay(folder: Path, scratch: Path) -> None:
-    """Let `folder` be written to, and gone through by everybody, on this computer."""
+    """Make `folder` writable on this computer, and accessible to every user."""
     place = scratch / str(folder).strip("/").replace("/", "-")
     for name in ("upper", "work"):
         (place / name).mkdir(parents=True)
@@ -86,7 +87,8 @@ def overlay(folder: Path, scratch: Path) -> None:
 
 @pytest.fixture(scope="module")
 def computer(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """A computer that can be written to, with a user for the lab, who can read this checkout."""
+    """A computer with writable folders and a user account for the lab that can read this
+    checkout."""
     assert Path("/proc/1/comm").read_text() == "systemd\n"
     from tests.kernel.conftest import load_module
 
@@ -109,13 +111,13 @@ def computer(tmp_path_factory: pytest.TempPathFactory) -> None:
     for folder, owner in (("/etc/cardan", 0), (f"/run/{LAB}", LAB_ID)):
         os.mkdir(folder, 0o755)
         os.chown(folder, owner, owner)
-    # A service's user is not at the console: what `cardan devices udev` says in its head.
+    # A service's user has no seat: the edit that the head of `cardan devices udev` describes.
     RULES.write_text(udev_rules().replace('MODE="0660"', 'MODE="0660", GROUP="plugdev"'))
     run("udevadm", "control", "--reload")
 
 
 class Lab:
-    """The service, and its client."""
+    """The service, and a client of it."""
 
     def __init__(self, socket: str, *systemctl: str, **options: Any) -> None:
         self.socket = socket
@@ -140,12 +142,12 @@ class Lab:
         return self.ask("units", "gofa")[0]
 
     def until(self, *phases: str) -> dict[str, Any]:
-        """Wait until its session's arm is in one of these; gives its row."""
+        """Wait until the session's arm is in one of these phases; return its row."""
 
         def found() -> dict[str, Any] | None:
             try:
                 row = self.row()
-            except Exception:  # It is just being started.
+            except Exception:  # the daemon is still starting
                 return None
             return row if row["phase"] in phases else None
 
@@ -165,7 +167,7 @@ def journal(unit: str, *matches: str) -> list[dict[str, Any]]:
 
 
 def explained() -> str:
-    """Return the words of the service, systemd and the processes, to explain a failed test."""
+    """Return the messages of the service, systemd and the processes, to explain a failed test."""
     said = ("journalctl", "--no-pager", "-n", "60", "_TRANSPORT=stdout", "+", "_TRANSPORT=journal")
     shown = ("ps", "-eo", "pid,ppid,user,stat,time,supgrp,args", "--ppid", "2", "-N")
     node = ("sh", "-c", "ls -l /dev/hidraw*; udevadm info --query=all /dev/hidraw0")
@@ -182,10 +184,11 @@ def systemds_words() -> str:
 
 @pytest.fixture(scope="module")
 def hardware(computer: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A simulated SpaceMouse at the kernel and a simulated GoFa; gives the lab's file."""
+    """A simulated SpaceMouse at the kernel and a simulated GoFa; yields the path of the lab's
+    file."""
     script = tmp_path_factory.mktemp("hand") / "script"
     script.write_text(HAND)
-    # By Bluetooth: uhid has no USB device behind it whose ids the other rules ask for.
+    # A Bluetooth model: with uhid there is no USB device whose ids the rules for USB could match.
     bluetooth = "spacemouse-wireless-bt"
     puck = SpaceMousePeerOptions(uhid=True, model=bluetooth, script=str(script))
     arm = EgmControllerOptions(pc_port=PORT, period_s=PERIOD_S)
@@ -205,7 +208,7 @@ def lab(hardware: str) -> Iterator[Lab]:
     settings = f"[Service]\nTimeoutStartSec={COMMAND_S:.0f}\n"
     with pytest.MonkeyPatch.context() as patch:
         if any(Path(sys.executable).is_relative_to(each) for each in service_module.OWN_FOLDERS):
-            # A checkout below /tmp: a service with a /tmp of its own would not find the program.
+            # A checkout below /tmp: a service with a private /tmp would not find the program.
             patch.setattr(service_module, "OWN_FOLDERS", ())
             settings += "PrivateTmp=no\n"
         service = make_service([Path(hardware)], system=True, account=LAB)

@@ -1,6 +1,7 @@
-"""The service under systemd as the computer's first process: reloads, and every way of dying.
+"""The service under systemd as the computer's first process: reloads, and all ways in which a
+process dies.
 
-Minutes in the emulator: `make test-systemd`.
+These tests take minutes in the emulator: `make test-systemd`.
 """
 
 from __future__ import annotations
@@ -37,15 +38,15 @@ def test_reload(lab, hardware):
     lab.systemctl("reload", NAME)
     (refused,) = wait(lambda: journal(NAME, "CARDAN_EVENT=reload refused"))
     assert "nothing was changed" in refused["CARDAN_WHAT"]
-    assert refused["PRIORITY"] == "4"  # A warning: all goes on as it was.
+    assert refused["PRIORITY"] == "4"  # a warning: the old configuration stays in effect
     wait(lambda: (lab.shows("SubState"), lab.pid) == ("running", pid))
     write_layout(hardware, 0.05)
     lab.until("moving")
 
 
 def comes_back(lab: Lab, before: int, restarts: int) -> None:
-    """The daemon is another one, and its session's arm is disarmed until the dead-man is pressed
-    anew."""
+    """Check that the daemon is a new process, and that its session's arm is disarmed until the
+    dead-man's switch is pressed again."""
     wait(lambda: lab.pid not in (0, before))
     assert int(lab.shows("NRestarts")) == restarts
     lab.until("moving")
@@ -58,7 +59,7 @@ def test_a_daemon_that_is_killed_is_started_anew_and_its_sessions_had_time_to_br
     os.kill(before, signal.SIGKILL)
     comes_back(lab, before, 1)
     assert not Path(f"/proc/{session}").exists()
-    # Of one that systemd had to kill it says so.
+    # systemd would log here that it had to kill the session
     words = systemds_words()
     assert "Main process exited, code=killed, status=9/KILL" in words
     assert "with signal SIGKILL" not in words

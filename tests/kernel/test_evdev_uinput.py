@@ -1,4 +1,4 @@
-"""A gamepad and a keyboard made with /dev/uinput, through the kernel's evdev, to the drivers."""
+"""Gamepad and keyboard made with /dev/uinput, read by the drivers through the kernel's evdev."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def kernel(modules: Callable[..., None]) -> None:
 
 @pytest.fixture
 def made(tmp_path: Path) -> Callable[..., EvdevPeer]:
-    """A device whose script begins when the test says ``begin()``, once it has been opened: uinput
-    does not tell, and opening takes an emulated machine seconds."""
+    """A device whose script starts at ``begin()``, which the test calls once the driver has opened
+    it: uinput does not report that, and an emulated machine takes seconds to open a device."""
 
     def make(kind: str, script: str = "", model: str = "", **faults: float) -> EvdevPeer:
         file = tmp_path / "script"
@@ -124,14 +124,14 @@ def test_unplugged_and_back(made):
 
 @pytest.mark.judged(device="Gamepad", transport="evdev", by="Linux kernel 6.1: uinput, evdev")
 def test_events_that_the_kernel_drops_end_in_neutral(made):
-    """The reader is held up, and the kernel's queue of 64 events or so runs over."""
+    """The reader thread is delayed until the kernel's queue of about 64 events overflows."""
     script = "0.6 sticks 0 1 0 0\n2.0 swing 0 0 1 1 over 0.3 times 20\n9 neutral\n" + "\n".join(
         f"{at} hold start for 0.2" for at in range(10, 60)
     )
     with in_a_thread(made("gamepad", script)) as peer, Gamepad(GamepadOptions()) as pad:
         peer.begin()
         wait_for(lambda: any(pad.state().axes))
-        with pad._lock:  # what a reader that got no processor time looks like
+        with pad._lock:  # as a reader without processor time
             time.sleep(6.0)
         wait_for(lambda: pad.metrics()["dropped"] >= 1)
         assert not any(pad.state().axes)
@@ -149,7 +149,7 @@ def test_keys_arrive_through_the_kernel_and_are_grabbed(made):
     """
     with (
         in_a_thread(made("keyboard", script)) as peer,
-        # The machine has a keyboard of its own.
+        # The machine has a keyboard itself.
         Keyboard(KeyboardOptions(grab=True, path=peer.endpoint)) as keyboard,
     ):
         assert peer.endpoint in [found.path for found in Keyboard.find()]
@@ -157,7 +157,7 @@ def test_keys_arrive_through_the_kernel_and_are_grabbed(made):
         peer.begin()
         state = wait_for(lambda: (s := keyboard.state()).axes[5] == 1.0 and s)
         assert state.buttons == {"space"}
-        while True:  # whatever came before the keyboard was grabbed
+        while True:  # events from before the keyboard was grabbed
             try:
                 seen = os.read(other, 24 * 64)
             except BlockingIOError:

@@ -1,4 +1,4 @@
-"""A whole session over a loopback interface that the kernel makes a bad network."""
+"""A whole session over a loopback interface on which the kernel emulates a bad network."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ PROGRAM = """
     0 run cond-time=1e6
 """
 PERIOD_S = 0.032
-"""An eighth of the usual rate: two emulated processors carry the hand, the robot and the session,
-and take 20 to 45 times as long as real ones."""
+"""An eighth of the usual rate: two emulated processors run the simulated device, the robot and the
+session, and are 20 to 45 times as slow as real ones."""
 
 SPEED_M_S = 0.1
 SECONDS = 75.0
@@ -47,7 +47,7 @@ READY_WITHIN_S = 80.0
 
 @pytest.fixture
 def loopback(modules: Callable[..., None]) -> Iterator[Callable[..., None]]:
-    """Say what netem shall do to every packet from now on."""
+    """Set the netem options for all packets from now on."""
     modules("sch_netem")
 
     def shape(*words: str) -> None:
@@ -119,16 +119,17 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
         outcome = supervise(config, SECONDS, show, go_on)
 
     assert dead, f"it never moved enough: {outcome.last.diagnosis}\n{story(bad)}"
-    # Delayed by 40 to 50 ms there and back, out of order, one datagram in 25 lost: it moves.
+    # Delayed by 40 to 50 ms in each direction, out of order, with one datagram in 25 lost: the arm
+    # moves.
     assert fastest(bad) < 1.1 * SPEED_M_S, story(bad)
-    # Nothing arrives any more: said in words, and the command is at rest.
+    # No packet arrives any more: the session reports it, and the command is at rest.
     lost = [snapshot for snapshot in dead if snapshot.robot.link == "lost"]
     assert lost, dead[-1]
     assert lost[-1].robot.hold_reason
     assert lost[-1].arm.phase == "no robot"
     assert not any(lost[-1].arm.twist)
     assert len({tuple(snapshot.arm.reference) for snapshot in lost[-5:]}) == 1
-    # It is back: no step in the commands, and motion only after a new grip.
+    # The link is restored: no step in the commands, and motion only after a new grip.
     assert again
     assert fastest(again) < 1.1 * SPEED_M_S, story(again)
     assert any("silent" in snapshot.arm.message for snapshot in (*dead, *again)), story(
@@ -137,12 +138,12 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
 
 
 def fastest(snapshots: list[Snapshot]) -> float:
-    """The highest speed along one axis that was commanded, m/s."""
+    """Highest commanded speed along one axis, m/s."""
     return max(abs(speed) for snapshot in snapshots for speed in snapshot.arm.twist[:3])
 
 
 def story(snapshots: list[Snapshot]) -> str:
-    """Return the changes from snapshot to snapshot."""
+    """Return the changes between consecutive snapshots."""
     lines = []
     for s in snapshots:
         words = (

@@ -1,4 +1,4 @@
-"""A SpaceMouse made with /dev/uhid, through the kernel's own hidraw, to the driver."""
+"""A SpaceMouse made with /dev/uhid, read by the driver through the kernel's own hidraw."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def test_motion_and_buttons_arrive_through_the_kernel(puck, mouse, model):
     with in_a_thread(puck(script, model)):
         wait_for(list_devices)
         mouse.open()
-        # Where an emulated machine stands still, the driver misses reports of a deflected puck and
-        # asks for rest anew: it has that in the script's next round.
+        # If an emulated machine pauses, the driver misses reports of a deflected puck and requires
+        # rest again, which the next round of the script has.
         expected = pytest.approx((0.5, -0.25, 1.0, 0.0, 0.125, -1.0), abs=0.5 / 350 + 1e-9)
         state = wait_for(lambda: (s := mouse.state()).axes == expected and s)
         assert state.link is DeviceLink.LIVE
@@ -165,7 +165,7 @@ def open_and_say() -> str:
 
 
 def as_nobody(ask: Callable[[], str]) -> str:
-    """Return the answer of `ask` in a process without any rights."""
+    """Return the result of `ask` in a process without any privileges."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
@@ -187,7 +187,7 @@ def as_nobody(ask: Callable[[], str]) -> str:
 
 @pytest.mark.judged(device="SpaceMouse", transport="hidraw", by="Linux kernel 6.1: uhid, hidraw")
 def test_a_report_reaches_the_driver_within_milliseconds(mouse):
-    """From the write to /dev/uhid to state(), the emulated processor's slowness and all."""
+    """Time from the write to /dev/uhid to state(), on the slow emulated processor."""
     model = model_by_key("spacemouse-compact")
     uhid = UhidDevice()
     uhid.open()

@@ -122,7 +122,7 @@ def test_unplugged_on_the_bus_it_is_lost_and_picked_up_again(puck):
         5.0  unplug
         5.2  replug
         5.3  axes 0 0.5 0 0 0 0
-    """ + "\n".join(  # Again and again, for a kernel that is still attaching it.
+    """ + "\n".join(  # Repeated, because the kernel may still be attaching the device.
         f"""
         {at} neutral
         {at + 0.5} axes 0 0 0.2 0 0 0 over 0.1
@@ -147,13 +147,13 @@ def test_unplugged_on_the_bus_it_is_lost_and_picked_up_again(puck):
 
 
 def follow(transport: str, button: str = "left") -> None:
-    """Open the device; motion, a button and the LED have to work."""
+    """Open the device and check motion, a button and the LED."""
     way = UsbTransport() if transport == "usb" else hid_transport(transport)
     wait_for(lambda: way.find())
-    # The kernel may still be attaching what is listed already.
+    # The device may be listed while the kernel is still attaching it.
     options = SpaceMouseOptions(transport=transport, dead_zone=0.0, wait_for_device=True)
     with SpaceMouse(options) as mouse:
-        # Opened while it is deflected, it has one of its two reports of motion first.
+        # The puck is deflected at opening: only one of the two motion reports has arrived at first.
         expected = pytest.approx(EXPECTED, abs=0.5 / 350 + 1e-9)
         state = wait_for(lambda: (s := mouse.state()).axes == expected and s)
         assert state.link is DeviceLink.LIVE

@@ -1,4 +1,4 @@
-"""The service under systemd as the computer's first process: how it starts, serves and ends."""
+"""The service under systemd as the computer's first process: start, operation and end."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_the_journal_has_its_fields(lab):
 
 
 def test_how_much_is_exposed(lab, capsys):
-    """systemd's own measure, 0 to 10, of what the service may do beyond what it needs."""
+    """systemd's own measure, 0 to 10, of the rights that the service has beyond its needs."""
     reported = run("systemd-analyze", "security", "--no-pager", NAME)
     (score,) = re.findall(r"Overall exposure level for \S+: ([0-9.]+)", reported)
     with capsys.disabled():

@@ -1,4 +1,5 @@
-"""Two SpaceMice of one model, plugged in while their drivers wait for them, and told apart."""
+"""Two SpaceMice of one model, plugged in while their drivers wait for them, and distinguished by
+serial number."""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ class Mouse:
             pass
 
     def until_opened(self) -> float:
-        """Wait until a program opens it; how long that took, s."""
+        """Wait until a program opens the mouse; return the time that took, s."""
         begin_s = time.monotonic()
         wait_for(lambda: isinstance(self._uhid.read(), Open), poll_s=0.001)
         return time.monotonic() - begin_s
@@ -79,7 +80,7 @@ def mice(modules) -> Iterator[dict[str, Mouse]]:
 
 @contextlib.contextmanager
 def opened(options: dict[str, dict[str, object]]) -> Iterator[dict[str, SpaceMouse]]:
-    """The drivers of these names."""
+    """Drivers by name, opened with these options."""
     with contextlib.ExitStack() as stack:
         drivers = {}
         for name, each in options.items():
@@ -98,7 +99,7 @@ def each_has_its_own(drivers: dict[str, SpaceMouse], mice: dict[str, Mouse]) -> 
         for mouse in mice.values():
             mouse.say(0, down=False)
         for driver in drivers.values():
-            # Neither has moved: what the other says afterwards is of now, not of the turn before.
+            # With both at rest, a deflection of the other mouse would be a new one.
             wait_for(lambda at=driver: at_rest(at.state()))
         mice[name].say(200, down=True)
         state = wait_for(lambda name=name: (s := drivers[name].state()).axes[2] and s)
@@ -116,13 +117,13 @@ def test_two_of_a_model_are_distinguished_by_serial_and_found_within_a_second(mi
     serials = {name: devices[name]["serial"] for name in NAMES}
     waiting = {name: {"serial": serials[name], "wait_for_device": True} for name in NAMES}
     with opened(waiting) as drivers:
-        # The other way round: what is found first is not what is meant.
+        # In reverse order: the first mouse found is the wrong one.
         for name in ("right", "left", "right"):
             mice[name].unplug()
             wait_for(lambda name=name: drivers[name].state().link is DeviceLink.LOST)
             mice[name].plug(serials[name])
             assert mice[name].until_opened() < FOUND_WITHIN_S
-            # A mouse that is held as it appears is not at rest: it arms nothing.
+            # A mouse that is deflected when it appears was not seen at rest and must not arm.
             mice[name].say(200, down=True)
             driver = drivers[name]
             held = wait_for(

@@ -21,7 +21,7 @@ from tests.serving import in_a_thread
 
 RULES = Path("/run/udev/rules.d/70-cardan.rules")
 DEBIANS = ("50-udev-default.rules", "60-input-id.rules")
-"""Rules that ours build on: the mode of USB devices, and the kind of an input device."""
+"""Rules of Debian that ours depend on: mode of USB devices, kind of an input device."""
 
 
 def udevadm(*words: str) -> str:
@@ -51,7 +51,8 @@ def properties(path: str) -> str:
 
 
 def given_to_the_user(path: str) -> bool:
-    """Whether udevd has set the node's mode, and the tag by which logind gives it away."""
+    """True if udevd has set the node's mode, and the tag by which logind grants access to the
+    user."""
     return stat.S_IMODE(Path(path).stat().st_mode) == 0o660 and "uaccess" in properties(path)
 
 

@@ -18,13 +18,13 @@ def usbip(endpoint: str, command: str, *words: str) -> subprocess.CompletedProce
 
 
 def attach(endpoint: str) -> Path:
-    """Have the kernel take the device once it is plugged in, and wait until it is configured; its
-    folder below /sys."""
+    """Attach the device once it is plugged in, and wait until the kernel has configured it; return
+    its folder below /sys."""
     wait_for(lambda: usbip(endpoint, "attach", "-b", "1-1").returncode == 0, poll_s=0.1)
     wait_for((DEVICE / "1-1:1.0").exists)
     return DEVICE
 
 
 def is_unplugged() -> bool:
-    """Whether there is no device any more."""
+    """True if no device is attached any more."""
     return not DEVICE.exists()

@@ -1,4 +1,4 @@
-"""Waiting for the kernel, with an end; and peers that others wait for."""
+"""Waiting for the kernel with a time limit, and peers that run in processes."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cardan.sim_peers.base import SimulatedPeer, serve
 _T = TypeVar("_T")
 
 PATIENCE_S = 60.0
-"""An emulated processor is slow, and slower still where its computer has other work: at a load
-of 13 on two cores, what takes a second or two took more than 12 s."""
+"""Time limit. An emulated processor is slow, and slower on a busy computer: at a load of 13 on two
+cores, steps of a second or two took more than 12 s."""
 
 MOST_S = 280.0
-"""A served peer ends by itself after this."""
+"""Time after which a served peer ends by itself."""
 
 
 def wait_for(ask: Callable[[], _T], patience_s: float = PATIENCE_S, poll_s: float = 0.005) -> _T:
-    """The first true answer of `ask`."""
+    """First true result of `ask`."""
     end_s = time.monotonic() + patience_s
     while not (answer := ask()):
         assert time.monotonic() < end_s, f"not within {patience_s:g} s; at last: {answer!r}"
@@ -33,9 +33,10 @@ def wait_for(ask: Callable[[], _T], patience_s: float = PATIENCE_S, poll_s: floa
 
 @contextmanager
 def in_a_process(peer: SimulatedPeer, most_s: float = MOST_S) -> Iterator[str]:
-    """Serve `peer` in a process of its own; its endpoint.
+    """Serve `peer` in a separate process; yields its endpoint.
 
-    For what blocks this one: hidapi's libusb back end waits for the device with Python's lock held.
+    A thread would not do for calls that block this process: hidapi's libusb back end waits for the
+    device with Python's global lock held.
     """
     reader, writer = os.pipe()
     child = os.fork()

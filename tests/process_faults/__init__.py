@@ -1,3 +1,3 @@
-"""The fault table of whole programs: ``cardan daemon run`` and ``cardan run`` with simulated robots
-and devices, each a process of its own, and what a moving arm does when one of them, or something
-that they stand on, fails."""
+"""Fault table of whole programs: ``cardan daemon run`` and ``cardan run`` with simulated robots and
+devices, each in a process of its own. A case makes one of them, or a resource that they need, fail
+while an arm moves, and measures the arm's reaction."""

@@ -36,31 +36,32 @@ from tests.process_faults.lab import (
 )
 
 BEAT_S = 0.6
-"""Silence of the supervisor, and the period of its beats, after which a session brakes."""
+"""Longest time from the supervisor's silence until a session brakes, including the period of its
+heartbeat."""
 GONE_S = 0.1
-"""Until a session notices that its supervisor is gone: the period of its snapshots."""
+"""Time until a session notices that its supervisor has ended: the period of its snapshots."""
 STALE_S = 0.3
-"""Silence of a device after which it is taken for gone: the longest of those here."""
+"""Silence after which a device counts as lost: the longest of the devices here."""
 LATE_S = 0.5
-"""Allowance in all bounds for a computer with other work to do."""
+"""Tolerance in all bounds for a computer with other work."""
 
 WATCH_S = 2.0
 GOES_ON_S = 1.0
 BACK_S = 25.0
-"""Longest wait for a session that comes back by itself."""
+"""Longest wait for a session that restarts by itself."""
 
 
 class Outcome(enum.Enum):
-    """Reaction of the arm."""
+    """Required reaction of the arm."""
 
     STOPS = "stops"
     GOES_ON = "goes on"
     EITHER = "either"
-    """The effect of a stall of a few milliseconds depends on where it begins."""
+    """Allowed for stalls of a few milliseconds, whose effect depends on where they begin."""
 
 
 Act = Callable[[Lab, contextlib.ExitStack], None]
-"""Does it; what is given back is undone by the stack after the arm was watched."""
+"""Causes the fault; cleanups on the stack run after the arm was watched."""
 
 Within = Callable[[Pair], float]
 
@@ -77,16 +78,16 @@ class Case(NamedTuple):
     """Longest time to rest, s."""
     watch_s: float = WATCH_S
     dies: bool = False
-    """The session's process ends, and is to come back by itself, disarmed."""
+    """The session's process ends, and must restart by itself with its arm disarmed."""
     run: bool = False
-    """With ``cardan run`` instead of the daemon."""
+    """The case uses ``cardan run`` instead of the daemon."""
     loses: bool = False
-    """Events cannot be written meanwhile."""
+    """Events cannot be written during the fault."""
     long: bool = False
 
     @property
     def ends(self) -> bool:
-        """Whether a process ends."""
+        """True if a process ends."""
         return self.outcome is Outcome.STOPS and "stands still" not in self.name
 
     @property
@@ -103,7 +104,7 @@ def brakes(pair: Pair) -> float:
 
 
 def after(seconds: float, then: Within) -> Within:
-    """`then` takes place so much later."""
+    """Add a delay to the time of `then`."""
     return lambda pair: seconds + then(pair)
 
 
@@ -111,7 +112,7 @@ def either(*several: Within) -> Within:
     return lambda pair: max(each(pair) for each in several)
 
 
-# -- acts -----------------------------------------------------------------------------------------
+# -- actions --------------------------------------------------------------------------------------
 
 Pid = Callable[[Lab], int]
 
@@ -159,7 +160,7 @@ def send(pid: Pid, number: int) -> Act:
 
 
 def stop(pid: Pid, seconds: float) -> Act:
-    """It stands still for so long."""
+    """Stop the process for this time (SIGSTOP)."""
 
     def act(lab: Lab, _: contextlib.ExitStack) -> None:
         found = pid(lab)
@@ -173,7 +174,7 @@ def stop(pid: Pid, seconds: float) -> Act:
 
 
 def limit(pid: Pid, what: int, value: Callable[[int], int], then: Act | None = None) -> Act:
-    """The process gets no more of something; afterwards it does again."""
+    """Lower a resource limit of the process; restore it afterwards."""
 
     def act(lab: Lab, stack: contextlib.ExitStack) -> None:
         found = pid(lab)
@@ -193,7 +194,7 @@ def limit(pid: Pid, what: int, value: Callable[[int], int], then: Act | None = N
 
 
 def descriptors(pid: int) -> int:
-    """As many as it has open."""
+    """Number of file descriptors that the process has open."""
     return max(int(name) for name in os.listdir(f"/proc/{pid}/fd")) + 1
 
 
@@ -202,13 +203,14 @@ def no_descriptors(pid: Pid, then: Act | None = None) -> Act:
 
 
 def refused(lab: Lab) -> None:
-    """A program asks the arm for a motion while the hand has it: an event."""
+    """A program requests a motion of the arm while the operator device has it, which causes an
+    event."""
     with contextlib.suppress(CardanError), daemon_arm("arm", path=lab.socket) as arm:
         arm.movl([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
 
 
 def disk_full(lab: Lab, stack: contextlib.ExitStack) -> None:
-    """Nothing more fits into any file of the daemon, its event log and its own log among them."""
+    """No file of the daemon can grow any more, including its event log and its own log."""
     limit(daemon, resource.RLIMIT_FSIZE, lambda _: 1)(lab, stack)
     asking = threading.Thread(target=refused, args=(lab,))
     asking.start()
@@ -234,7 +236,7 @@ def web_clients(lab: Lab, stack: contextlib.ExitStack) -> None:
 
 
 def reader_that_stops(*asks: Ask) -> Act:
-    """A program that asks the daemon for everything, and reads nothing."""
+    """A client that sends the daemon every request and reads no reply."""
 
     def act(lab: Lab, stack: contextlib.ExitStack) -> None:
         sock = socket.socket(socket.AF_UNIX)
@@ -251,7 +253,7 @@ def reader_that_stops(*asks: Ask) -> Act:
 
 
 def web_client(lab: Lab, stack: contextlib.ExitStack) -> None:
-    """A client of rosbridge takes what the arm shows, and reads nothing."""
+    """A rosbridge client that subscribes to the arm's topics and never reads."""
     sock = socket.create_connection(("127.0.0.1", lab.server_port), 5.0)
     stack.callback(sock.close)
     key = base64.b64encode(os.urandom(16)).decode()
@@ -267,7 +269,7 @@ def web_client(lab: Lab, stack: contextlib.ExitStack) -> None:
 
 
 def second_daemon(lab: Lab, _: contextlib.ExitStack) -> None:
-    """Another daemon is started at the same socket."""
+    """Start another daemon at the same socket."""
     child = Child(
         ("cardan", "daemon", "run", str(lab.folder / "lab.toml")), lab.folder / "second.log"
     )
@@ -278,7 +280,7 @@ def second_daemon(lab: Lab, _: contextlib.ExitStack) -> None:
 
 
 def second_session(lab: Lab, stack: contextlib.ExitStack) -> None:
-    """Another session is started for the same robot, by ``cardan run``."""
+    """Start another session for the same robot with ``cardan run``."""
     tables = lab.pair.configured(lab)
     mine = {"robot": tables["robot"], "arm": {"model": lab.pair.arm}}
     file = lab.folder / "second.toml"
@@ -289,7 +291,7 @@ def second_session(lab: Lab, stack: contextlib.ExitStack) -> None:
 
 
 def broken_reload(lab: Lab, stack: contextlib.ExitStack) -> None:
-    """The files are wrong, and the daemon is told to read them anew."""
+    """Write invalid files, and tell the daemon to reload them."""
     file = lab.folder / "lab.toml"
     text = file.read_text()
     stack.callback(file.write_text, text)
@@ -298,7 +300,7 @@ def broken_reload(lab: Lab, stack: contextlib.ExitStack) -> None:
 
 
 def robot_restarts(after_s: float) -> Act:
-    """The robot's process is killed, and there is a new one after a while."""
+    """Kill the robot's process, and start a new one after a while."""
 
     def act(lab: Lab, _: contextlib.ExitStack) -> None:
         assert lab.robot is not None
@@ -312,7 +314,7 @@ def robot_restarts(after_s: float) -> Act:
 
 
 def device_again(lab: Lab, _: contextlib.ExitStack) -> None:
-    """It is unplugged, and another of the same model is plugged in, held as this one was."""
+    """Unplug the device, and plug in another one of the same model, deflected in the same way."""
     assert lab.hand is not None
     lab.hit()
     lab.hand.end()
@@ -321,7 +323,7 @@ def device_again(lab: Lab, _: contextlib.ExitStack) -> None:
 
 
 def server_again(lab: Lab, _: contextlib.ExitStack) -> None:
-    """spacenavd is killed and started anew, while the hand holds the device."""
+    """Kill and restart spacenavd while the device is deflected."""
     assert lab.server is not None
     lab.hit()
     lab.server.end()
@@ -330,7 +332,7 @@ def server_again(lab: Lab, _: contextlib.ExitStack) -> None:
 
 
 def port_taken(lab: Lab, stack: contextlib.ExitStack) -> None:
-    """The session is killed, and another program takes the robot's port before it is back."""
+    """Kill the session, and let another program take the robot's port before it restarts."""
     send(session, signal.SIGKILL)(lab, stack)
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     stack.callback(sock.close)
@@ -375,7 +377,7 @@ SIGNALS = sorted(
     {each for each in signal.valid_signals() if each <= signal.SIGSYS} - _STOPPING
     | {signal.SIGRTMIN, signal.SIGRTMAX}
 )
-"""All, but those that stop a process, which come with times below."""
+"""All signals except those that stop a process, whose cases below have durations."""
 
 ORDER = tuple(PAIRS)
 
@@ -501,7 +503,7 @@ def _each_pair() -> list[Case]:
                 Case("a second one at the same socket", "daemon", pair, second_daemon, goes,
                      watch_s=0.2)
             )  # fmt: skip
-        if pair != ROS2:  # The one whose controller takes the commands of all who send some.
+        if pair != ROS2:  # The ROS 2 controller accepts commands from all senders.
             found.append(
                 Case("another session for the same robot", "session", pair, second_session, goes,
                      watch_s=0.2)
@@ -563,7 +565,7 @@ def _run() -> list[Case]:
 
 
 def all_cases() -> list[Case]:
-    """Every case; names are told apart by group and pair."""
+    """Every case; group, pair and name identify a case."""
     found: dict[str, Case] = {}
     for case in (*_each_pair(), *_some_pairs(), *_standstills(), *_signals(), *_run()):
         found.setdefault(case.key, case)
@@ -586,4 +588,4 @@ SHORT = (
     f"robot: killed, there anew at once ({UR5})",
     f"robot: killed, there anew at once ({GOFA})",
 )
-"""Those that every run of the tests goes through."""
+"""Cases that are part of every test run."""

@@ -1,4 +1,5 @@
-"""A robot, a device and a daemon between them, each a process of its own, and the arm's motion."""
+"""A robot, a device and the daemon that connects them, each in a separate process, and the recorded
+motion of the arm."""
 
 from __future__ import annotations
 
@@ -34,29 +35,29 @@ from tests.serving import free_tcp_port, free_udp_port
 from tests.test_cli import ENVIRONMENT
 
 SPEED_M_S = 0.1
-"""Speed that the hand requests, as in the table of virtual time."""
+"""Speed that the device requests, the same as in the table of virtual time."""
 AT_SPEED = 0.85
-"""Share of it that counts as having it."""
+"""Fraction of this speed that counts as reaching it."""
 STEADY_S = 0.25
 
 WINDOW_S = 0.06
-"""Speeds are means over this time, many periods of every controller."""
+"""Speeds are means over this time, which is many periods of every controller."""
 REST_M_S = 0.001
 REST_S = 0.3
-"""Slower than REST_M_S for so long, the arm rests."""
+"""An arm slower than REST_M_S for this time is at rest."""
 AGAIN_M_S = 0.02
-"""Faster than this after its rest, it was moved again."""
+"""An arm faster than this after its rest was moved again."""
 ROOM_M = 0.12
-"""The hand turns back when the arm is so far from where its robot began."""
+"""The device reverses when the arm is this far from where its robot began."""
 
 READY_S = 120.0
-"""Longest wait for anything to begin, on a machine that has other work."""
+"""Longest wait for any start, on a computer with other work."""
 STROKE_S = 1.6
-"""Longest time from re-arming to a steady speed; then the hand tries again."""
+"""Longest time from re-arming to a steady speed; after it the operator tries again."""
 SWING_S = 1.2
-"""From one turn of a hand that moves the arm to and fro to the next."""
+"""Time between reversals when the device moves the arm to and fro."""
 PAUSE_S = 0.3
-"""The hand keeps still for so long before and after its release."""
+"""Time for which the device is at rest before and after the release of its dead-man's switch."""
 
 
 class Pair(NamedTuple):
@@ -64,24 +65,26 @@ class Pair(NamedTuple):
 
     name: str
     arm: str
-    """Model of the arm, for where its TCP is."""
+    """Model of the arm, which gives the place of the TCP."""
     robot: str
-    """As `peers.ROBOTS` has it."""
+    """Key in `peers.ROBOTS`."""
     hand: str
-    """As `peers.PEERS` has it."""
+    """Key in `peers.PEERS`."""
     configured: Callable[[Lab], dict[str, Any]]
-    """The session's tables."""
+    """Function that returns the tables of the session's configuration."""
     push: tuple[str, str]
-    """Steps of the hand that move the arm to one side, and back, with the dead-man's button."""
+    """Steps of the device that move the arm to one side and to the other, with the dead-man's
+    switch."""
     rest: str
-    """Steps that release everything."""
+    """Steps that release all axes and buttons."""
     touch: str
-    """Steps that make the driver see it and the robot's drives turn on, and release it again."""
+    """Steps that make the driver detect the device and the robot turn its drives on, and that
+    release all again."""
     dies_s: float
-    """Longest time until the arm rests that nobody commands any more: watchdog and braking of its
-    controller. docs/faults.md, a killed session."""
+    """Longest time until an arm without commands is at rest: watchdog and braking of its
+    controller. See docs/faults.md, a killed session."""
     brakes_s: float
-    """Longest time until it rests from the moment when its session begins to brake."""
+    """Longest time from the session's start of braking until the arm is at rest."""
 
 
 def _network(lab: Lab) -> dict[str, Any]:
@@ -171,7 +174,7 @@ GOFA, GP8, UR5, ROS2, SPNAV = PAIRS
 
 
 def toml(tables: Mapping[str, Any]) -> str:
-    """Inline tables."""
+    """Write inline tables in TOML."""
     pairs = ", ".join(f"{key} = {_value(value)}" for key, value in tables.items())
     return f"{{ {pairs} }}"
 
@@ -184,44 +187,44 @@ class Motion(NamedTuple):
     """Motion of the arm from a fault on."""
 
     had_m_s: float
-    """Its speed at the fault."""
+    """Speed at the fault."""
     stop_s: float | None
-    """Until it rested; None: it went on."""
+    """Time until the arm was at rest; None: it kept moving."""
     distance_m: float
-    """From where it was at the fault to where it rested, or was last."""
+    """Distance from the place at the fault to the place of rest, or the last place."""
     peak_m_s: float
     again_m_s: float
-    """Its highest speed after it had rested, while nobody acted anew."""
+    """Highest speed after the arm had come to rest, without a new action of the operator."""
 
     @property
     def again(self) -> bool:
-        """Whether it was moved again."""
+        """True if the arm was moved again."""
         return self.again_m_s > AGAIN_M_S
 
 
 class Trace:
-    """Where the TCP of a robot was."""
+    """Recorded places of a robot's TCP."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
         self.points: list[Any] = []
         self.begins: list[int] = []
-        """Numbers of the first samples of the robot's processes."""
+        """Index of the first sample of each of the robot's processes."""
 
     def begin(self) -> None:
-        """Another process of the robot begins."""
+        """Note that a new process of the robot begins."""
         self.begins.append(len(self.times))
 
     def add(self, time_s: float, point: Any) -> None:
-        """The TCP is there."""
+        """Add a place of the TCP."""
         self.times.append(time_s)
         self.points.append(point)
 
     def read(self) -> None:
-        """Read the new rows."""
+        """Read the new samples."""
 
     def speeds(self, since_s: float, until_s: float) -> list[tuple[float, float]]:
-        """Time and mean speed over WINDOW_S before it, of each sample of the time."""
+        """For each sample of a time span, its time and the mean speed over WINDOW_S before it."""
         found = []
         first = int(np.searchsorted(self.times, since_s - 2 * WINDOW_S))
         last = int(np.searchsorted(self.times, until_s, side="right"))
@@ -229,7 +232,7 @@ class Trace:
         back = first
         for index in range(first, last):
             if index in begins:
-                back = index  # Another process: where it begins is no motion.
+                back = index  # The jump to the place where a new process begins is not a motion.
             now_s = self.times[index]
             while back + 1 < index and self.times[back + 1] <= now_s - WINDOW_S:
                 back += 1
@@ -240,7 +243,7 @@ class Trace:
         return found
 
     def speed(self) -> float:
-        """The slowest within the last STEADY_S; 0 where nothing has been noted lately."""
+        """Slowest speed within the last STEADY_S; 0 without recent samples."""
         self.read()
         if not self.times:
             return 0.0
@@ -251,7 +254,7 @@ class Trace:
         return min(speed for _, speed in found)
 
     def away(self, axis: int) -> float:
-        """How far along an axis the TCP is from where this process of the robot began."""
+        """Distance along an axis between the TCP and the place where this robot process began."""
         self.read()
         begin = self.begins[-1] if self.begins else 0
         if begin >= len(self.points):
@@ -259,7 +262,7 @@ class Trace:
         return float(self.points[-1][axis] - self.points[begin][axis])
 
     def motion(self, at_s: float, until_s: float) -> Motion:
-        """Return the motion between a fault and the hand's next act."""
+        """Return the motion between a fault and the next action of the operator."""
         self.read()
         before = self.speeds(at_s - STEADY_S, at_s)
         found = self.speeds(at_s, until_s)
@@ -267,7 +270,7 @@ class Trace:
         last = int(np.searchsorted(self.times, until_s, side="right")) - 1
         ended = [begin for begin in self.begins if here < begin <= last]
         if ended:
-            # The robot's process ended: its arm stood still where it was noted last.
+            # The robot's process ended: its arm stayed at the last recorded place.
             last = ended[0] - 1
             rest_s: float | None = max(at_s, self.times[last]) + WINDOW_S
         else:
@@ -286,7 +289,8 @@ class Trace:
 
     @staticmethod
     def _rests(found: list[tuple[float, float]], at_s: float, until_s: float) -> float | None:
-        """When it began to rest. An arm whose process is gone rests where it was last."""
+        """Time at which the arm came to rest. An arm whose process has ended rests at its last
+        place."""
         since_s = None if found else at_s + WINDOW_S
         for now_s, speed in found:
             if speed >= REST_M_S:
@@ -301,7 +305,7 @@ class Trace:
 
 
 class Noted(Trace):
-    """As the robot's process notes it in a file."""
+    """Read the samples that the robot's process writes to a file."""
 
     def __init__(self, arm: str, file: Path) -> None:
         super().__init__()
@@ -324,7 +328,7 @@ class Noted(Trace):
 
 
 class Child:
-    """A process of the lab, with the lines that it says."""
+    """A process of the lab, with the lines of its output."""
 
     def __init__(self, words: Sequence[str], log: Path, **options: Any) -> None:
         self.log = log
@@ -352,7 +356,7 @@ class Child:
             return file.read().decode(errors="replace")
 
     def wait_for(self, words: str, within_s: float = READY_S) -> None:
-        """Until it has said this."""
+        """Wait until the process has printed this."""
         wait(lambda: re.search(words, self.said(), re.M) or not self.alive, words, within_s)
         if not re.search(words, self.said(), re.M):
             raise RuntimeError(f"it ended before {words}: {self.said()[-2000:]}")
@@ -387,7 +391,7 @@ def wait(
 
 
 def children_of(pid: int) -> list[int]:
-    """Processes that this one has started."""
+    """Processes started by this one."""
     found = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         with contextlib.suppress(OSError):
@@ -396,7 +400,7 @@ def children_of(pid: int) -> list[int]:
 
 
 def descendants_of(pid: int) -> list[int]:
-    """Those, and what they have started."""
+    """Processes started by this one, and by those."""
     found = []
     with contextlib.suppress(OSError):
         for child in children_of(pid):
@@ -412,13 +416,13 @@ def words_of(pid: int) -> str:
 
 
 class Lab:
-    """A pair of device and robot, and the daemon or the command that joins them."""
+    """A pair of device and robot, and the daemon or command that connects them."""
 
     def __init__(self, pair: Pair, *, run: bool = False) -> None:
-        """`run`: by ``cardan run`` instead of the daemon."""
+        """`run`: use ``cardan run`` instead of the daemon."""
         self.pair, self.run = pair, run
         self.record = False
-        """Whether ``cardan run`` records."""
+        """Record with ``cardan run``."""
         self.folder = Path(tempfile.mkdtemp(prefix="cardan-faults-"))
         self.port = self._free_port()
         self.place = (
@@ -432,23 +436,23 @@ class Lab:
         self.robot: Child | None = None
         self.hand: Child | None = None
         self.server: Child | None = None
-        """``cardan devices spnav``, where the device is behind it."""
+        """``cardan devices spnav``, if the device is behind it."""
         self.daemon: Child | None = None
         self.options: dict[str, Any] = {}
-        """Of the daemon's process."""
+        """Options of the daemon's process."""
         self.reported: list[dict[str, Any]] = []
-        """Events that the daemon has told of, of all its lives."""
+        """Events that the daemon has reported, over all of its restarts."""
         self.log_of_events = self.folder / "events"
         self.hit_s = NEVER_S
         self.side = 0
-        """To which of the two the hand pushes."""
+        """Index in `push` of the current direction."""
         self._deaths = 0
         self.file_of_record: Path | None = None
 
     def _free_port(self) -> int:
         if self.pair.robot != "gp8":
             return free_udp_port() if self.pair.robot != "ros2-ur5" else free_tcp_port()
-        while True:  # Three in a row.
+        while True:  # three consecutive ports
             port = free_tcp_port()
             with contextlib.ExitStack() as stack, contextlib.suppress(OSError):
                 for each in range(3):
@@ -481,7 +485,7 @@ class Lab:
         self.robot = Child((*words, str(self.samples), str(self.port)), self.folder / "robot.log")
 
     def start_hand(self, held: str = "") -> None:
-        """Plug the device in; `held`: what the hand does with it from before on."""
+        """Plug the device in; `held`: steps that are done before the driver can open it."""
         words = ("tests.process_faults.peers", "hand", self.pair.hand, self.place, held)
         self.hand = Child(words, self.folder / "hand.log")
 
@@ -499,11 +503,12 @@ class Lab:
             str(file),
         )
         self.server = Child(words, self.folder / "server.log")
-        with contextlib.suppress(OSError):  # As a device's own electronics, whatever else runs.
+        # like the electronics of a real device, which no other load delays
+        with contextlib.suppress(OSError):
             os.sched_setscheduler(self.server.pid, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
 
     def write(self, **daemon: Any) -> Path:
-        """The file of the daemon, or of the session where that runs alone."""
+        """Write the file of the daemon, or of the session if it runs alone."""
         tables = self.pair.configured(self)
         file = self.folder / "lab.toml"
         if self.run:
@@ -536,16 +541,16 @@ class Lab:
             threading.Thread(target=self._follow, daemon=True).start()
 
     def _follow(self) -> None:
-        """Keep the daemon's messages about its events."""
+        """Collect the daemon's messages about its events."""
         with contextlib.suppress(CardanError, OSError), ControlClient(self.socket, None) as client:
             for event in client.events("events", "", True):
                 self.reported.append(event)
 
     def revive(self) -> list[str]:
-        """Start the programs that do not run; return their names."""
+        """Start the programs that are not running; return their names."""
         found = []
         if self.daemon is not None and self.daemon.alive and self._deaths >= 2:
-            self.end_daemon()  # Its pauses have grown.
+            self.end_daemon()  # a new daemon, because this one's pauses between restarts have grown
         for name, needed in (("robot", True), ("hand", True), ("server", self.pair.name == SPNAV)):
             child = getattr(self, name)
             if needed and (child is None or not child.alive):
@@ -568,7 +573,7 @@ class Lab:
         return found
 
     def end_daemon(self) -> None:
-        """In good order."""
+        """End the daemon in an orderly way."""
         daemon, self.daemon = self.daemon, None
         if daemon is not None:
             if daemon.alive:
@@ -578,7 +583,7 @@ class Lab:
             daemon.end()
 
     def died(self) -> None:
-        """The session's process has died once more."""
+        """Count a death of the session's process."""
         self._deaths += 1
 
     # -- the daemon -------------------------------------------------------------------------------
@@ -592,7 +597,7 @@ class Lab:
 
     @property
     def session_pid(self) -> int:
-        """Of the process that has the loop."""
+        """Process id of the control loop."""
         assert self.daemon is not None
         found = [
             pid
@@ -607,7 +612,8 @@ class Lab:
 
     @property
     def router_pid(self) -> int:
-        """A process that has just been killed is started anew by its supervisor."""
+        """Process id of the router. A router that has just been killed is restarted by its
+        supervisor."""
         serve = self.daemon
         assert serve is not None
 
@@ -618,14 +624,14 @@ class Lab:
         return int(wait(found, "the router"))
 
     def lost_events(self, since_s: float) -> list[dict[str, Any]]:
-        """Events since then that the daemon has told of and that are not in its log."""
-        # In this order: it tells of more meanwhile.
+        """Events after `since_s` that the daemon has reported and that are not in its log."""
+        # In this order, because the daemon reports more events meanwhile.
         reported = [event for event in self.reported if event["time_s"] >= since_s]
         stored = list(read_events(self.log_of_events))
         return [event for event in reported if event not in stored]
 
     def records(self) -> list[str]:
-        """List the errors in the record of a run with a fault: it must be readable, and lack no
+        """List the errors in the record of a run with a fault. It must be readable, and may lack no
         more than the time between two flushes."""
         file = self.file_of_record
         if file is None:
@@ -634,18 +640,18 @@ class Lab:
         late_s = file.stat().st_mtime - newest_s
         return [f"the record ends {late_s:.1f} s before its file"] if late_s > 1.5 else []
 
-    # -- the hand ---------------------------------------------------------------------------------
+    # -- the operator device ----------------------------------------------------------------------
 
     def do(self, steps: str) -> None:
         assert self.hand is not None
         self.hand.tell(steps)
 
     def hit(self) -> None:
-        """The fault comes now."""
+        """Note the time of the fault."""
         self.hit_s = time.monotonic()
 
     def swing(self, ended: Callable[[], bool]) -> None:
-        """The hand moves the arm to and fro, without letting go, until something has ended."""
+        """Move the arm to and fro, with the dead-man's switch held, until `ended()`."""
         end_s = time.monotonic() + READY_S
         while not ended() and time.monotonic() < end_s:
             self.side = 1 - self.side
@@ -657,8 +663,8 @@ class Lab:
         threading.Event().wait(seconds)
 
     def engage(self, within_s: float = READY_S) -> float:
-        """The hand lets go, re-arms and moves the arm, again and again until the arm
-        moves steadily; how long that took, s."""
+        """Release the device, re-arm and move the arm, repeatedly until the arm moves steadily;
+        return the time that took, s."""
         began_s = time.monotonic()
         while True:
             self.do(self.pair.rest)
@@ -679,7 +685,7 @@ class Lab:
                 raise TimeoutError(f"{self.pair.name}: nothing moves the arm; {self.why()}")
 
     def why(self) -> str:
-        """Return the reported reason for the arm's rest."""
+        """Return the reported reason why the arm is at rest."""
         assert self.daemon is not None
         if not self.run:
             with contextlib.suppress(CardanError, OSError):

@@ -1,5 +1,5 @@
-"""The other processes of the fault table: a simulated robot that notes how it moves, and a
-simulated device that does what it is told.
+"""The other processes of the fault table: a simulated robot that records its motion, and a
+simulated device that follows commands.
 
     python -m tests.process_faults.peers robot KIND FILE PORT
     python -m tests.process_faults.peers hand KIND PLACE
@@ -34,15 +34,15 @@ from cardan_wiimote.peer import motion_script as remote
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 COMM_TIMEOUT_S = 0.2
-"""EGM's, as docs/abb-egm.md sets it."""
+"""Period of EGM, as in docs/abb-egm.md."""
 
 JOINTS = 6
 SAMPLE = struct.Struct(f"d{JOINTS}d")
-"""Local monotonic time, s, and the joints, rad; with a time of NaN another process begins."""
+"""Local monotonic time, s, and the joints, rad. A NaN as time marks the start of a new process."""
 
 SAMPLE_S = 0.004
 LATE_S = 0.002
-"""Most between a robot's cycle and the sample of it; later ones are left out."""
+"""Longest time between a robot's cycle and its sample; later samples are left out."""
 LISTEN_S = 0.02
 
 # -- robots ---------------------------------------------------------------------------------------
@@ -59,7 +59,7 @@ def _gp8(port: int) -> tuple[SimulatedPeer, Callable[[], Sequence[float]]]:
     return peer, lambda: peer.controller.measured_rad(0)
 
 
-# Without dynamics, which would take half of a processor: what is seen is what they are commanded.
+# Without dynamics, which would need half of a processor: the samples are the commanded joints.
 
 
 def _ur5(port: int) -> tuple[SimulatedPeer, Callable[[], Sequence[float]]]:
@@ -83,9 +83,9 @@ ROBOTS: dict[str, Callable[[int], tuple[SimulatedPeer, Callable[[], Sequence[flo
 
 
 def serve_robot(kind: str, file: Path, port: int) -> None:
-    """Serve until killed, and append where the joints are."""
+    """Serve until killed, and append samples of the joints to the file."""
     peer, joints = ROBOTS[kind](port)
-    ask_for_real_time()  # Before the threads that opening starts.
+    ask_for_real_time()  # before opening starts threads
     peer.open()
     with file.open("ab", buffering=0) as out:
         out.write(SAMPLE.pack(float("nan"), *[0.0] * JOINTS))
@@ -94,7 +94,7 @@ def serve_robot(kind: str, file: Path, port: int) -> None:
             until_s = time.monotonic() + SAMPLE_S
             peer.step(until_s)
             found, now_s = joints(), time.monotonic()
-            # Later, the process has stood still meanwhile, and they may be those of before.
+            # If the process has paused, these joints may be older than the time of the sample.
             if now_s < until_s + LATE_S:
                 out.write(SAMPLE.pack(now_s, *found))
 
@@ -103,12 +103,12 @@ def serve_robot(kind: str, file: Path, port: int) -> None:
 
 
 class ScriptedPeer(NamedTuple):
-    """A simulated device, and what makes a motion of a script's lines."""
+    """A simulated device, and functions that drive it by lines of a motion script."""
 
     make: Callable[[str, str], DevicePeer[Any, Any]]
-    """Of a place, and the script to begin with."""
+    """Make the device from a place and a first script."""
     motion: Callable[[Sequence[ScriptStep], Any], Any]
-    """Of steps and the device."""
+    """Make a motion from steps and the device."""
     verbs: Mapping[str, str]
 
 
@@ -141,8 +141,9 @@ PEERS: dict[str, ScriptedPeer] = {
 
 
 def serve_device(kind: str, place: str, held: str = "") -> None:
-    """Serve until killed. Each line of standard input, steps of a script with semicolons between
-    them, is done at once, and it keeps to that; `held` is done before anybody can connect."""
+    """Serve until killed. Each line of standard input has steps of a script, separated by
+    semicolons; the device does them at once and keeps the result. `held` is done before a driver
+    can connect."""
     of = PEERS[kind]
 
     def motion_of(steps: str) -> Any:

@@ -1,4 +1,4 @@
-"""Goes through the cases with real processes, and writes what it found.
+"""Run the cases with real processes, and write the results.
 
 python -m tests.process_faults [--labs N] [--only WORDS] [--json FILE] [--write]
 """
@@ -30,20 +30,20 @@ from tests.result_tables import PROCESS_FAULTS as RESULTS
 DEFAULT = Path("build/faults.json")
 
 HIGHEST_M_S = 1.2 * SPEED_M_S
-"""An arm that takes a step each 10 ms, as ROS 2's here, seems to be faster by a sixth in means over
-60 ms; tests/fault_table.py is exact."""
+"""Bound of the highest speed. An arm that takes one step each 10 ms, as ROS 2's here, seems faster
+by a sixth in means over 60 ms; tests/fault_table.py is exact."""
 HAD_M_S = 0.8 * SPEED_M_S
-"""Slower than this when the fault came, the arm was not moving steadily: once more."""
+"""Least speed at the fault; a slower arm was not moving steadily, and the case is repeated."""
 TRIES = 4
-"""How often a case is tried where other work of the computer has stopped the arm before."""
+"""Number of attempts at a case if other work of the computer stops the arm before the fault."""
 SAID = 110
-"""Most characters of a message in the table."""
+"""Greatest length of a message in the table, characters."""
 
 NETWORK = "network"
-"""The group of the rows that the kernel's tests make."""
+"""Group of the rows that the kernel tests produce."""
 
 LIVE_S = 1.0
-"""How long a session that is back is watched while the hand still holds the device."""
+"""Time for which a restarted session is watched while the device is still deflected."""
 
 
 class Row(NamedTuple):
@@ -62,19 +62,19 @@ class Row(NamedTuple):
     again: bool
     said: str
     back_s: float | None
-    """Until the session was live again by itself, its arm disarmed; None: it had not ended, or a
-    user has to start it."""
+    """Time until the session was live again by itself, with its arm disarmed; None: it had not
+    ended, or a user has to start it."""
     moves_s: float | None
-    """Until re-arming moved the arm again, once all that was killed had been started."""
+    """Time until re-arming moved the arm again, after all killed programs were started."""
     started: list[str]
-    """Programs that had to be started by hand for it."""
+    """Programs that had to be started by hand."""
     lost: int
-    """Events that were reported and are not in the log."""
+    """Number of events that were reported and are not in the log."""
     wrong: list[str]
 
 
 def judged(case: Case, motion: Motion, lost: int, problems: Iterable[str] = ()) -> list[str]:
-    """List the violations of the case's requirements, in words."""
+    """List the violations of the case's requirements as sentences."""
     wrong = list(problems)
     if motion.again:
         wrong.append(f"moved again by itself at {1e3 * motion.again_m_s:.0f} mm/s")
@@ -94,7 +94,7 @@ def judged(case: Case, motion: Motion, lost: int, problems: Iterable[str] = ()) 
 
 
 def said_of(lab: Lab, since_s: float) -> str:
-    """Return the words of the event log, or of the command, about the time since `since_s`."""
+    """Return the messages of the event log, or of the command, since `since_s`."""
     assert lab.daemon is not None
     words: list[str] = []
     if lab.run:
@@ -109,7 +109,7 @@ def said_of(lab: Lab, since_s: float) -> str:
 
 
 class Series:
-    """The cases of one pair, one after the other in one laboratory."""
+    """Run the cases of one pair in sequence, in one lab."""
 
     def __init__(self, pair: str, run: bool) -> None:
         self._pair, self._run = pair, run
@@ -121,7 +121,7 @@ class Series:
             lab.__exit__()
 
     def go(self, case: Case) -> Row:
-        """Run a case; repeat it if the arm did not move steadily before."""
+        """Run a case; repeat it if the arm did not move steadily before the fault."""
         for _ in range(TRIES - 1):
             with contextlib.suppress(TimeoutError):
                 return self._go(case)
@@ -149,12 +149,12 @@ class Series:
                 lab.pause(case.watch_s)
             back_s = self._back(case, at_s, problems)
             until_s, at_s = time.monotonic(), max(at_s, lab.hit_s)
-            lab.do(lab.pair.rest)  # Before anything that takes time: the arm has no more room.
+            lab.do(lab.pair.rest)  # first, before the arm runs out of space
             motion = lab.trace.motion(at_s, until_s)
             said = said_of(lab, wall_s)
             if case.dies:
                 lab.died()
-            # A stop by other work of this computer is another fault.
+            # A stop caused by other work of this computer is a different fault.
             slow = case.outcome is Outcome.GOES_ON and "supervises" in said
             if motion.had_m_s > HAD_M_S and not (slow and attempt + 1 < TRIES):
                 break
@@ -183,7 +183,7 @@ class Series:
         return row
 
     def _back(self, case: Case, at_s: float, problems: list[str]) -> float | None:
-        """Wait for a session that comes back by itself, and a little longer."""
+        """Wait for a session that restarts by itself, and a little longer."""
         lab = self.lab
         assert lab is not None
         if not case.dies or self._run:
@@ -210,8 +210,8 @@ class Series:
 def run(
     cases: Sequence[Case], labs: int, reported: Callable[[Row], None] = lambda _row: None
 ) -> list[Row]:
-    """All cases, in their order; those of different pairs side by side in so many laboratories, and
-    those that take a minute side by side with each other."""
+    """All cases, in order. Cases of different pairs run in parallel in this many labs, and those
+    that take a minute run in parallel with each other."""
     waiting: dict[tuple[str, bool], list[Case]] = {}
     for case in cases:
         waiting.setdefault((case.pair, case.run), []).append(case)
@@ -227,7 +227,7 @@ def run(
                 (pair, with_run), mine = series.pop(0)
             one = Series(pair, with_run)
             try:
-                # Cases that need no program started anew come first, a minute's standstill last.
+                # Cases without restarts of programs first, the stop of a minute last.
                 for case in sorted(mine, key=lambda each: (each.long, each.ends)):
                     try:
                         row = one.go(case)
@@ -271,7 +271,7 @@ def _after(row: Row) -> str:
 
 
 def tables(rows: Sequence[Row], notes: str) -> str:
-    """In Markdown, one for each group."""
+    """Markdown tables, one for each group."""
     lines = [notes, ""]
     for group in dict.fromkeys(row.group for row in rows):
         lines += [f"#### {group}", "", "| fault | pair | ms, mm, mm/s | again | said | to go on |"]
@@ -286,7 +286,7 @@ def tables(rows: Sequence[Row], notes: str) -> str:
 
 
 def notes_of(found: dict[str, Any]) -> str:
-    """How it was measured."""
+    """Return the conditions of the measurement."""
     rows = found["rows"]
     wrong = sum(bool(row["wrong"]) for row in rows)
     lost = sum(row["lost"] for row in rows if "disk full" not in row["name"])
@@ -300,7 +300,7 @@ def notes_of(found: dict[str, Any]) -> str:
 
 
 def taken_in(file: Path, log: Path) -> None:
-    """Take the rows of a log of the kernel's tests into a file of found rows."""
+    """Copy the rows from a log of the kernel tests into a file of results."""
     found = json.loads(file.read_text()) if file.exists() else {"rows": [], "loads": []}
     known = {row["key"]: row for row in found["rows"]}
     for line in log.read_text(errors="replace").splitlines():
@@ -317,14 +317,15 @@ def taken_in(file: Path, log: Path) -> None:
 
 
 def _in_order(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows as the cases are declared, the network's after them."""
+    """Rows in the order of the declared cases, followed by the network's."""
     declared = [case.key for case in all_cases()]
     others = [key for key, row in known.items() if row["group"] == NETWORK]
     return [known[key] for key in (*declared, *others) if key in known]
 
 
 def measured(cases: Sequence[Case], labs: int, file: Path | None) -> dict[str, Any]:
-    """Run the cases; return their results and the others of `file`, saved there after each case."""
+    """Run the cases; return their results and the others of `file`. The file is written after each
+    case."""
     known: dict[str, dict[str, Any]] = {}
     found: dict[str, Any] = {"loads": []}
     if file is not None and file.exists():
@@ -349,7 +350,7 @@ def measured(cases: Sequence[Case], labs: int, file: Path | None) -> dict[str, A
 
 
 def main() -> int:
-    """Run them."""
+    """Run the cases of the command line, and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--labs", type=int, default=2, help="pairs side by side")
     parser.add_argument("--only", default="", help="cases with these words in their key (regex)")

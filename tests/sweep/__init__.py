@@ -1,4 +1,3 @@
-"""Everything that a session has on the network, met by a judge over one transport: it hears each
-topic, has an answer to each command, service and action. Other tests check the arm's motion; here
-most commands are such that it refuses them, in words that name the topic.
-"""
+"""Sweep over all interfaces of a session on the network. A judge, over one transport, receives each
+topic and gets a reply from each command, service and action. Other tests check the arm's motion;
+most commands here are refused, with a reason that names the topic."""

@@ -1,4 +1,4 @@
-"""A live session, and the servers beside it."""
+"""A live session, and the servers next to it."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tests.sweep.plan import wanted_rows
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    """A session that is all on the graph."""
+    """A session with all of its interfaces in the graph."""
     pytest.importorskip(
         "zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]"
     )
@@ -22,7 +22,7 @@ def session(tmp_path_factory):
 
 @pytest.fixture
 def running(session):
-    """A rosbridge server beside the session."""
+    """A rosbridge server for the session."""
     pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
     from cardan.bus.zenoh_network import BusNetwork
     from tests.gateway.servers.bench import rosbridge
@@ -34,7 +34,7 @@ def running(session):
 
 @pytest.fixture(scope="module")
 def domain(session):
-    """Of DDS, with the server between it and the session, in a process of its own."""
+    """DDS domain of the session, bridged by a DDS server in a separate process."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
     from tests.dds_network import OPTIONS
 

@@ -1,7 +1,7 @@
 """dora-rs 1.1 as the judge of a sweep: `python -m tests.sweep.dora_judge [CONFIG] < PLAN`.
 
-Over Zenoh with that configuration, or over DDS. Source: Ros2Context; AMENT_PREFIX_PATH leads to the
-interfaces, ROS_DOMAIN_ID is the domain.
+With a CONFIG file over Zenoh, without one over DDS. Source: Ros2Context. AMENT_PREFIX_PATH names
+the folder of the interfaces, ROS_DOMAIN_ID the domain.
 """
 
 import json
@@ -28,7 +28,7 @@ TIMEOUT_S = 120.0
 
 
 def short(type_name):
-    """As dora names types."""
+    """Type name in dora's form."""
     package, _, name = type_name.split("/")
     return f"{package}/{name}"
 
@@ -37,7 +37,7 @@ PRIMITIVES = {"char": "uint8", "byte": "uint8", "bool": "bool_", "string": "stri
 
 
 def arrow(type_name):
-    """The type of a message in pyarrow."""
+    """pyarrow type of a message."""
     fields = [each for each in message_type(type_name).fields if each.name != DUMMY_MEMBER]
     return pa.struct([(each.name, _field(each)) for each in fields])
 
@@ -51,12 +51,12 @@ def _field(field):
 
 
 def array(type_name, given):
-    """A message as dora takes it."""
+    """A message in the form that dora takes."""
     return pa.array([_plain(completed(type_name, given))], arrow(type_name))
 
 
 def _plain(message):
-    """Bytes as numbers."""
+    """Convert bytes to lists of numbers."""
     if isinstance(message, dict):
         return {key: _plain(value) for key, value in message.items()}
     return [*message] if isinstance(message, (bytes, bytearray)) else message
@@ -64,12 +64,13 @@ def _plain(message):
 
 @contextmanager
 def announcing(dds):
-    """Yield a function that waits until others know a subscription; over Zenoh it need not wait.
+    """Yield a function that waits until other nodes have discovered a subscription; over Zenoh no
+    wait is needed.
 
-    RustDDS 0.14.3 has room for 64 commands to its discovery thread, and two of them for each
-    subscription. It drops those that find no room (`discovery_command.try_send`, dds/pubsub.rs),
-    and tells nobody of these subscriptions, ever: of 33 made at once on one busy core, Cyclone DDS
-    heard of 19 to 29, and the heartbeats of RustDDS's own DCPSSubscription ended with those.
+    RustDDS 0.14.3 has room for 64 commands to its discovery thread, and uses two of them for each
+    subscription. It drops commands that find no room (`discovery_command.try_send`, dds/pubsub.rs)
+    and never announces these subscriptions: of 33 made at once on one busy core, Cyclone DDS
+    discovered 19 to 29, and the heartbeats of RustDDS's own DCPSSubscription ended with those.
     """
     if not dds:
         yield lambda _name: None
@@ -97,7 +98,8 @@ def main(config=""):
     latched = dora.Ros2QosPolicies(
         durability=dora.Ros2Durability.TransientLocal, reliable=True, keep_last=1
     )
-    # dora finds only servers of the depth that it asks for itself; ROS 2's parameters have 1000.
+    # dora finds only servers that have the same queue depth as its client; ROS 2's parameter
+    # services have 1000.
     deep = dora.Ros2QosPolicies(reliable=True, keep_last=1000)
 
     def subscribe(name, type_name):

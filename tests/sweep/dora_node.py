@@ -1,6 +1,6 @@
 """dora-rs 1.1 over Zenoh: `python -m tests.sweep.dora_node CONFIG`.
 
-Source: Ros2Context; AMENT_PREFIX_PATH leads to the interfaces.
+Source: Ros2Context. AMENT_PREFIX_PATH names the folder of the interfaces.
 """
 
 import sys
@@ -25,7 +25,8 @@ PARAMETERS = dora.Ros2QosPolicies(reliable=True, keep_last=1000)
 
 
 class Judge:
-    """All in one thread, as dora-rs has it: it is told in another one."""
+    """Judge that calls dora-rs from one thread, as dora-rs requires; commands arrive in another
+    thread."""
 
     def __init__(self, node):
         self.node = node
@@ -49,7 +50,7 @@ class Judge:
         tell("matched", topic=topic)
 
     def publish(self, topic, message, period_s=None):
-        """Once, or again and again."""
+        """Publish once, or periodically."""
         publisher, kind = self.publishers[topic]
         sent = array(kind, message)
         with self.lock:

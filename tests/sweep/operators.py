@@ -1,7 +1,7 @@
-"""Third-party programs that watch and command an arm, each in a process of its own.
+"""Third-party programs that watch and command an arm, each in a separate process.
 
-Programs that `tools/ros2` installs away from our environment run by their own Python: nothing of
-ours reaches them, and none of their settings reaches us.
+Programs that `tools/ros2` installs outside of our environment run with their own Python. Neither
+environment affects the other.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ HEARD = {
     RESULTS: STRING,
 }
 AGAIN_S = REARM_APART_S + 1.0
-"""A command that is not taken for so long is given again."""
+"""A command that is not accepted within this time is sent again."""
 
 
 class Lab(NamedTuple):
-    """A session, and the servers beside it."""
+    """A session, and the servers next to it."""
 
     endpoint: str
-    """On Zenoh."""
+    """Zenoh endpoint."""
     domain: int
-    """On DDS."""
+    """DDS domain."""
     port: int = 0
-    """Of rosbridge."""
+    """Port of the rosbridge server."""
 
 
 def python_of(environment: str) -> Path:
-    """The Python of a judge; skips where it cannot be had."""
+    """The Python of a judge; skips the test if it is not installed."""
     made = ROOT / "build" / "ros2" / environment
     lock = ROOT / "locks" / "ros2" / f"{environment}.txt"
     if not (made / ".ready").exists() or (made / ".ready").read_bytes() != lock.read_bytes():
@@ -65,16 +65,17 @@ def python_of(environment: str) -> Path:
 
 
 def own_environment(**more: str) -> dict[str, str]:
-    """Variables for a judge in an environment of its own."""
+    """Environment variables for a judge that has a separate Python."""
     return {**{name: os.environ[name] for name in INHERITED if name in os.environ}, **more}
 
 
 class Operator(JudgeNode):
-    """It does what telling.py says, and knows what it has heard last."""
+    """A judge that carries out the commands of telling.py and keeps the newest messages that it
+    received."""
 
     def do(self, what: str, **how: Any) -> None:
-        """Have it carry out a command."""
-        self.say(json.dumps({"do": what, **how}, default=list))  # of bytes
+        """Send a command to the judge."""
+        self.say(json.dumps({"do": what, **how}, default=list))  # bytes as lists
 
     def watch(self) -> None:
         """Subscribe to the arm's reports."""
@@ -85,18 +86,18 @@ class Operator(JudgeNode):
             self.wait("sample", topic=topic)
 
     def newest(self, topic: str) -> Any:
-        """The newest message of a topic, or None."""
+        """Newest message of a topic, or None."""
         found = self.found("sample", topic=topic)
         return found[-1]["message"] if found else None
 
     def z(self) -> float:
-        """Where the TCP is."""
+        """Height of the TCP, m."""
         found: float = self.newest(POSES)["pose"]["position"]["z"]
         return found
 
     def results(self) -> list[tuple[str, str]]:
-        """Commands and outcomes since it watches: over DDS one that comes after another was killed
-        may be sent what that one had not acknowledged."""
+        """Commands and outcomes since this judge subscribed. Over DDS, a judge that starts after
+        another was killed may receive what the killed one had not acknowledged."""
         samples = self.found("sample", topic=RESULTS)
         found = [json.loads(each["message"]["data"]) for each in samples]
         return [
@@ -112,13 +113,13 @@ class Operator(JudgeNode):
         return {each["key"]: each["value"] for each in rows["arm"]["values"]}
 
     def graph(self) -> dict[str, Any]:
-        """Return the graph that it sees now."""
+        """Return the graph that the judge sees now."""
         known = len(self.found("graph"))
         self.do("graph")
         return self.wait("graph", known + 1)
 
     def called(self, service: str, kind: str, wait_s: float = 10.0, **request: Any) -> Any:
-        """The answer of a service; None where none came, or where there is none."""
+        """Response of a service; None if none came, or if the service does not exist."""
         known = len(self.found("answer"))
         request = completed(f"{kind}_Request", request)
         self.do("call", service=service, kind=kind, request=request, wait_s=wait_s)
@@ -129,8 +130,9 @@ class Operator(JudgeNode):
         self.wait("matched", topic=topic)
 
     def tell(self, verb: str, kind: str = EMPTY, **message: Any) -> None:
-        """Give a command, again while the arm does not take it: what is sent before the server has
-        met its publisher is lost, and before it knows its node's name refused."""
+        """Send a command until the arm accepts it. Commands sent before the server has discovered
+        their publisher are lost; commands sent before the server knows the node's name are
+        refused."""
         topic = f"{ARM}/command/{verb}"
         self.advertise(topic, kind)
         known, due_s = len(self.results()), 0.0
@@ -152,7 +154,7 @@ class Operator(JudgeNode):
         until(lambda: (verb, "done") in self.results(), verb)
 
     def stream(self, speed: float) -> None:
-        """Move the arm by a stream that goes on until it is ended."""
+        """Move the arm by a stream that runs until the judge ends."""
         self.wait_for_authority()
         self.advertise(VELOCITY, TWIST)
         begun = self.z()
@@ -166,7 +168,7 @@ class Operator(JudgeNode):
         )
 
     def wait_for_authority(self) -> None:
-        """The source that moved the arm before, and was killed, has it for the lease."""
+        """Wait until the lease of an earlier, killed source has run out."""
         until(lambda: not self.status()["authority"], "that nobody has the arm")
 
 
@@ -183,7 +185,7 @@ def rclpy(distribution: str, lab: Lab, folder: Path) -> Operator:
 
 
 def zenoh_ros2_sdk(lab: Lab, folder: Path) -> Operator:
-    """ROS 2 over Zenoh, by rmw_zenoh's mapping."""
+    """ROS 2 over Zenoh, with rmw_zenoh."""
     write_packages(folder)
     port = lab.endpoint.rpartition(":")[2]
     return Operator(
@@ -193,13 +195,13 @@ def zenoh_ros2_sdk(lab: Lab, folder: Path) -> Operator:
 
 
 def roslibpy(lab: Lab, _folder: Path) -> Operator:
-    """rosbridge."""
+    """rosbridge client roslibpy."""
     pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
     return Operator([sys.executable, "-m", "tests.sweep.roslibpy_node", str(lab.port)])
 
 
 def dora_rs(lab: Lab, folder: Path) -> Operator:
-    """ROS 2 over Zenoh, likewise."""
+    """ROS 2 over Zenoh, with zenoh-ros2-sdk."""
     pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
     write_packages(folder)
     config = folder / "zenoh.json5"
@@ -214,6 +216,6 @@ def dora_rs(lab: Lab, folder: Path) -> Operator:
 
 
 def operator(judge: str, lab: Lab, folder: Path) -> Operator:
-    """The program of that name."""
+    """Start the program of that name."""
     made = {"zenoh-ros2-sdk": zenoh_ros2_sdk, "roslibpy": roslibpy, "dora-rs": dora_rs}
     return made[judge](lab, folder) if judge in made else rclpy(judge, lab, folder)

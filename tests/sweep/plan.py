@@ -1,4 +1,4 @@
-"""Task of a judge, as JSON: for programs in processes of their own."""
+"""Task of a judge, as JSON, for programs in processes of their own."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tests.network_table import Coverage, Row, rows
 NAMESPACE, NODE = "/left", "/left/arm"
 RESULT = f"{NODE}/result"
 RUMBLED = "rumble"
-"""Command in the results of the sweep's stick."""
+"""Name of the device's rumble command in its results."""
 REPEAT_S = 0.5
-"""After this a command that has no result is sent again: the session may not have met its publisher
-yet."""
+"""A command without a result is sent again after this time: the session may not have discovered its
+publisher yet."""
 
 NOT_OF_A_STICK = {"imu/data_raw"}
 """Names that only a device with inertial sensors has."""
@@ -40,40 +40,41 @@ REQUESTS: dict[str, dict[str, Any]] = {
     },
     "~/get_type_description": {"type_name": "geometry_msgs/msg/Pose", "type_hash": "none"},
 }
-"""Requests that are not the defaults of their type."""
+"""Requests that differ from the defaults of their type."""
 
 GOALS: dict[str, dict[str, Any]] = {"~/action/movv": {"xdot": {"linear": {"x": 99.0}}}}
 
 
 class Plan(NamedTuple):
-    """Task of a judge, in this order; each but `hear` in turn, and `hear` from the beginning."""
+    """Task of a judge. Its parts are done in this order, except `hear`, which runs from the
+    beginning."""
 
     commands: list[tuple[str, str, dict[str, Any], str, str]]
-    """Topic, type, message; the command and a part of the reason that its result has."""
+    """Topic, type, message, command, and a part of the reason that its result must have."""
     services: list[tuple[str, str, dict[str, Any]]]
     actions: list[tuple[str, str, dict[str, Any]]]
     hear: list[tuple[str, str]]
-    """Topics that have to be heard, and their types."""
+    """Topics that must be received, and their types."""
 
     def text(self) -> str:
-        """As JSON."""
+        """Return the plan as JSON."""
         return json.dumps(self._asdict())
 
 
 def full_name(name: str) -> str:
-    """Of a row's name, in the session of the sweep."""
+    """Full name of a row in the session of the sweep."""
     if name.startswith("~"):
         return NODE + name[1:]
     return name if name.startswith("/") else f"{NAMESPACE}/{name}"
 
 
 def wanted_rows() -> set[Row]:
-    """Return the rows that the session of the sweep has on the graph."""
+    """Return the rows of the table that the session of the sweep has in its graph."""
     return {row for row in rows() if row.name not in NOT_OF_A_STICK}
 
 
 def verbs() -> dict[str, str]:
-    """The command that results of each topic name, by the session's own tables."""
+    """Map each topic to the command that its results name, by the session's own tables."""
     names = ArmNames(("joint_1",))
     others = other_names(get_args(NamesOf), names, "servo_node", ServoScales())
     tables = (*TOPICS, joint_command(names.joints), *(t for each in others for t in each.topics))
@@ -81,7 +82,7 @@ def verbs() -> dict[str, str]:
 
 
 def plan(every: Collection[Row], mark: Coverage) -> Plan:
-    """Return the task of a judge for its mark."""
+    """Return the task of a judge for the rows of its mark."""
     known, asked = verbs(), mark.rows(every)
     commands = []
     for row in asked:
@@ -93,7 +94,8 @@ def plan(every: Collection[Row], mark: Coverage) -> Plan:
         for row in asked
         if row.kind == "service"
     ]
-    # A client by packets is a source of its own, which gets the arm when the network releases it.
+    # A client of the packet services is a separate source, which gets the arm when the network
+    # source releases it.
     services.sort(key=lambda each: not each[0].endswith("/release"))
     actions = [
         (full_name(row.name), row.type_name, GOALS.get(row.name, {}))
@@ -105,7 +107,7 @@ def plan(every: Collection[Row], mark: Coverage) -> Plan:
 
 
 def _telling(row: Row) -> tuple[dict[str, Any], str]:
-    """A message whose refusal names its topic, where there is a text in it; and that text."""
+    """A message whose refusal names its topic, if the message has a text; and that text."""
     tag = row.name.rpartition("/")[2]
     fields = default_message(row.type_name)
     if row.name == RUMBLE_TOPIC:
@@ -127,9 +129,9 @@ def command(
     results: Callable[[], list[dict[str, Any]]],
     until_s: float,
 ) -> str:
-    """Publish a command until there is its result; what came of it, or "" where nothing did.
+    """Publish a command until its result arrives; return the result's outcome, or "" if none came.
 
-    `results` gives those that have come since.
+    `results` returns the results that have arrived since.
     """
     _topic, _type, _message, verb, tag = given
     results()

@@ -1,6 +1,6 @@
 """A node of a real rclpy, run by the Python of `tools/ros2`: `python rclpy_node.py NAME`.
 
-It has ROS 2's environment, and nothing of ours.
+It has the environment of ROS 2, and none of our packages.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ def type_of(name):
 
 
 def reported(value):
-    """A message as JSON has it."""
+    """Convert a message to JSON values."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: reported(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, bytes):
@@ -71,7 +71,7 @@ class Judge:
         tell("matched", topic=topic)
 
     def publish(self, topic, message, period_s=None):
-        """Once, or again and again."""
+        """Publish once, or periodically."""
         publisher = self.publishers[topic]
         message = filled(publisher.msg_type(), message)
         if period_s is None:
@@ -124,7 +124,7 @@ def main(name):
     try:
         obey(judge)
     finally:
-        rclpy.shutdown()  # Which ends the spinning.
+        rclpy.shutdown()  # ends the spinning
         spinning.join()
 
 

@@ -1,6 +1,6 @@
-// roslib 1.4.1 or 2.1.0 as the judge of a sweep: the text of a module that node is given with the
-// arguments PORT and the topic of results, in a folder that has roslib; the plan is standard input.
-// Actions of roslib 1 are topics of ROS 1: it has none here.
+// roslib 1.4.1 or 2.1.0 as the judge of a sweep. Node runs this module's text in a folder with roslib;
+// arguments: PORT and the topic of results; the plan comes from standard input.
+// roslib 1 supports only ROS 1's actions, which are topics, and has no actions here.
 const TIMEOUT_MS = 20000, REPEAT_MS = 500;
 const [port, result] = process.argv.slice(-2);
 async function read(stream) {
@@ -46,7 +46,7 @@ async function main(ROSLIB) {
   for (const [name, actionType, goal] of plan.actions) {
     told.actions[name] = await new Promise(resolve => {
       setTimeout(() => resolve(null), TIMEOUT_MS).unref();
-      // What the arm refuses ends as aborted, which this client tells as an error with the result.
+      // A refused goal ends as aborted, which this client reports as an error with the result.
       new ROSLIB.Action({ros, name, actionType}).sendGoal(
         goal, resolve, () => {}, error => resolve({error: String(error)}));
     });

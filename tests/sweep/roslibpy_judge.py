@@ -14,7 +14,7 @@ TIMEOUT_S = 120.0
 
 
 def plain(value):
-    """Return a status, or a message, as a value that json takes."""
+    """Convert a status or message to a value that json accepts."""
     return getattr(value, "value", None) or dict(value)
 
 

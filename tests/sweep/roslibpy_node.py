@@ -1,4 +1,4 @@
-"""roslibpy 2.1 by the server for rosbridge: `python -m tests.sweep.roslibpy_node PORT`."""
+"""roslibpy 2.1 as a client of the rosbridge server: `python -m tests.sweep.roslibpy_node PORT`."""
 
 import sys
 import threading
@@ -12,7 +12,7 @@ TIMEOUT_S = 120.0
 
 
 def plain(message):
-    """With numbers for what is a status."""
+    """Replace a message's enumerated values by numbers."""
     return {key: getattr(value, "value", value) for key, value in message.items()}
 
 
@@ -22,7 +22,7 @@ class Judge:
         self.publishers, self.subscriptions = {}, {}
 
     def subscribe(self, topic, kind, latched=False):
-        """Subscribe to a topic. Latched messages come without being asked for."""
+        """Subscribe to a topic. Latched messages arrive without a request."""
         del latched
         self.subscriptions[topic] = roslibpy.Topic(self.ros, topic, kind)
         self.subscriptions[topic].subscribe(
@@ -38,7 +38,7 @@ class Judge:
         tell("matched", topic=topic)
 
     def publish(self, topic, message, period_s=None):
-        """Once, or again and again."""
+        """Publish once, or periodically."""
         publisher = self.publishers[topic]
         publisher.publish(message)
         if period_s is not None:

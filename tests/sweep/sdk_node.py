@@ -1,6 +1,6 @@
 """zenoh-ros2-sdk, run by the Python of `tools/ros2`: `python sdk_node.py PORT DEFINITIONS`.
 
-It meets a session at that port. It finds definitions in a folder, or by git on the internet.
+It connects to a session at that port. Definitions come from a folder, or by git from the internet.
 """
 
 import dataclasses
@@ -14,13 +14,13 @@ from telling import obey, tell
 from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
 ROUTER = {"router_ip": "127.0.0.1", "router_port": int(sys.argv[1]), "domain_id": 0}
-NAME = 2  # Nodetype.NAME of rosbags: a message
+NAME = 2  # Nodetype.NAME of rosbags: a nested message
 OCTETS = {"byte": "uint8", "octet": "uint8", "char": "uint8"}
 LATCHED = QosProfile(durability=QosDurability.TRANSIENT_LOCAL)
 
 
 def reported(value):
-    """A message as JSON has it."""
+    """Convert a message to JSON values."""
     if dataclasses.is_dataclass(value):
         names = [each.name for each in dataclasses.fields(value) if each.name != "__msgtype__"]
         return {name: reported(getattr(value, name)) for name in names}
@@ -30,7 +30,7 @@ def reported(value):
 
 
 def fields_of(store, kind, fields):
-    """The values of a message's fields, from what JSON has."""
+    """Convert JSON values to the values of a message's fields."""
     return {
         name: _value(store, store.fielddefs[kind][1], name, given) for name, given in fields.items()
     }
@@ -72,7 +72,7 @@ class Judge:
         tell("matched", topic=topic)
 
     def publish(self, topic, message, period_s=None):
-        """Once, or again and again."""
+        """Publish once, or periodically."""
         publisher, kind = self.publishers[topic]
         fields = fields_of(publisher.session_mgr.store, kind, message)
         publisher.publish(**fields)

@@ -1,6 +1,6 @@
-"""How the judges of an arm are told what to do, and tell what they meet, in lines of JSON.
+"""JSON lines by which the judges of an arm receive commands and report observations.
 
-For every Python that they run in: nothing but the standard library.
+This module runs in each judge's Python and uses only the standard library.
 """
 
 import json
@@ -11,13 +11,14 @@ _telling = threading.Lock()
 
 
 def tell(event, **fields):
-    """Say what was met; from any thread."""
+    """Report an observation, from any thread."""
     with _telling:
         print(json.dumps({"event": event, **fields}), flush=True)
 
 
 def obey(judge):
-    """Each line is what to `do`, a method of `judge`, and its arguments; until the last one."""
+    """Call a method of `judge` for each line of standard input: `do` names it, other keys are its
+    arguments."""
     for line in sys.stdin:
         words = json.loads(line)
         getattr(judge, words.pop("do"))(**words)

@@ -1,5 +1,5 @@
-"""Invalid commands, sent to a live session over Zenoh and by rosbridge: each is refused with a
-reason at its sender, counted, and moves nothing."""
+"""Invalid commands, sent to a live session over Zenoh and rosbridge: each is counted and refused
+with a reason to its sender, and moves nothing."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ STAT = "cardan_msgs/srv/Stat"
 
 
 class Watch:
-    """Reports of the session about its commands, read by a node that sends none."""
+    """Reports of the session about its commands, received by a node that sends none."""
 
     def __init__(self, session):
         self._diagnostics = session.node.subscription("/diagnostics", DIAGNOSTICS, 1)
         self._stat = session.node.client(f"{NODE}/stat", STAT)
 
     def counts(self):
-        """Of the diagnostics' row on commands, of now."""
+        """Counts of the commands' row in the current diagnostics."""
 
         def row():
             received = self._diagnostics.poll()
@@ -52,7 +52,7 @@ class Watch:
         return {each["key"]: int(each["value"]) for each in found["values"]}
 
     def where(self):
-        """Where the arm is measured, once it rests."""
+        """Measured pose of the arm once it is at rest."""
 
         def rests():
             before, self._last = getattr(self, "_last", None), self._pose()
@@ -62,7 +62,7 @@ class Watch:
 
     def _pose(self):
         request = codec_of(f"{STAT}_Request").encode(completed(f"{STAT}_Request", {}))
-        # Until client and service have met there is none.
+        # None, until client and service have discovered each other.
         reply = until(lambda: self._stat.call(request, TIMEOUT_S), "the answer")
         return codec_of(f"{STAT}_Response").decode(reply)["pose"]["pose"]
 
@@ -74,7 +74,7 @@ def watch(session):
 
 @pytest.fixture
 def nothing_moves(watch):
-    """The arm is afterwards where it was."""
+    """Check that the arm is at the same pose afterwards."""
     before = watch.where()
     yield
     assert watch.where() == before
@@ -82,7 +82,7 @@ def nothing_moves(watch):
 
 @pytest.fixture
 def client(running):
-    """A client of rosbridge that gets errors and results."""
+    """A rosbridge client that receives errors and results."""
     with plain_client(running) as found:
         found.send("set_level", level="error")
         found.send("subscribe", topic=RESULT, type="cardan_msgs/CommandResult")
@@ -91,7 +91,7 @@ def client(running):
 
 
 def said(client, words):
-    """The next status or result with these words."""
+    """Next status or result that contains these words."""
     until_s = time.monotonic() + TIMEOUT_S
     while time.monotonic() < until_s:
         frame = client.receive()
@@ -103,7 +103,7 @@ def said(client, words):
 
 
 TOO_LARGE = "1e999"
-"""A number of JSON's that no float is: it is sent without its quotes."""
+"""A valid JSON number that overflows a float. It is sent without its quotes."""
 JOG = {"joint_names": ["no_joint"], "velocities": [0.1]}
 
 
@@ -177,7 +177,7 @@ def test_a_flood_by_rosbridge_is_survived(client, running):
         assert said(client, "out of reach")
         assert client.call(f"{NODE}/stop")["values"]["success"]
     except ConnectionClosed as closed:
-        # A computer with other things to do cannot handle them as fast as they come, and says so.
+        # A busy computer cannot handle commands as fast as they arrive, and reports that.
         cut_off = str(closed)
     assert not cut_off or BACKLOGGED in cut_off
     with plain_client(running) as another:
@@ -217,7 +217,7 @@ def test_a_client_that_dies_in_the_midst_of_a_stream_brakes_the_arm(running, ses
 
 @pytest.fixture
 def stranger(session):
-    """A session of Zenoh that is no node of ROS 2."""
+    """A Zenoh session that is not a ROS 2 node."""
     config = zenoh.Config()
     config.insert_json5("connect/endpoints", f'["{session.endpoint}"]')
     config.insert_json5("scouting/multicast/enabled", "false")
@@ -227,7 +227,7 @@ def stranger(session):
 
 
 def garbage(chance, type_name):
-    """Bytes that are no message of a type, or only by accident."""
+    """Random bytes that are not a valid message of a type, except by accident."""
     good = codec_of(type_name).encode(completed(type_name, {}))
     return chance.choice(
         [
@@ -242,7 +242,7 @@ def garbage(chance, type_name):
 
 
 def attachment(chance):
-    """Of no form, or of numbers that nobody counts to."""
+    """Attachments with an invalid size, or with implausible numbers."""
     numbers = chance.choice([0, 1, -1, 2**63 - 1, -(2**63)]), chance.choice([0, -1, 2**63 - 1])
     odd = struct.pack("<qq", *numbers) + bytes([chance.choice([0, 16, 255])])
     return chance.choice(

@@ -1,4 +1,4 @@
-"""A program with ROS 2's default middleware watches and commands an arm: `cardan net server
+"""A program with ROS 2's default middleware watches and commands an arm through `cardan net server
 dds`."""
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ COMMAND_RESULT = "cardan_msgs/msg/CommandResult"
 
 
 class Program(FastNode):
-    """A node that knows what it has heard last."""
+    """A node that keeps the newest messages that it received."""
 
     def newest(self, topic, type_name):
-        """The newest message, or None."""
+        """Newest message, or None."""
         found = self.found("sample", topic=topic)
         return codec_of(type_name).decode(bytes.fromhex(found[-1]["cdr"])) if found else None
 
@@ -35,7 +35,7 @@ class Program(FastNode):
         return [codec_of(COMMAND_RESULT).decode(bytes.fromhex(each["cdr"])) for each in found]
 
     def stream(self, topic, z_m_s):
-        """Move the arm by a stream that goes on until it is ended."""
+        """Move the arm by a stream that runs until the node ends."""
         begun = self.z()
         self.publish(topic, TWIST, {"linear": {"z": z_m_s}}, count=100_000, period_ms=20)
         until_streamed(
@@ -78,10 +78,11 @@ def test_its_twist_moves_the_arm_while_it_is_there(program, session):
     topic = f"{NODE}/command/twist"
     program.advertise(topic, TWIST)
     program.wait("matched", topic=f"rt{topic}", kind="writer")
-    session.choose("none")  # Its first command chooses the stream.
+    session.choose("none")  # The first command of the stream selects its kind.
     program.stream(topic, -0.05)
     program.kill()
-    # Its last command is fresh for 0.1 s; then the arm brakes, though DDS takes it for alive.
+    # The last command is fresh for 0.1 s; then the arm brakes, even while DDS considers the writer
+    # alive.
     session.rest()
 
 
@@ -105,6 +106,6 @@ def test_it_stops_the_arm_by_a_topic_as_services_do_not_reach_it(program, sessio
         return [each for each in reported if (each["command"], each["outcome"]) == ("stop", "done")]
 
     until(stopped, "the stop")
-    # The stream that goes on does not begin again by itself.
+    # The running stream must not move the arm again by itself.
     until(lambda: program.phase() in ("holding", "disarmed"), "the rest")
     assert program.found("reply") == []

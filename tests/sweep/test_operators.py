@@ -1,5 +1,5 @@
-"""Programs of others watch and command an arm: real rclpy by `cardan net server dds`, as everybody
-starts it, and others. docs/ros2.md has what each can do."""
+"""Third-party programs watch and command an arm: real rclpy through `cardan net server dds`,
+started in the usual way, and others. docs/ros2.md lists the abilities of each."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ REST_WITHIN_S = 1.0
 NONE_WITHIN_S = 2.0
 SERVER = "/cardan_dds_server"
 NAMELESS = "_CREATED_BY_BARE_DDS_APP_"
-"""Name that rmw_fastrtps of Kilted gives the node of each endpoint of Cyclone DDS."""
+"""Node name that rmw_fastrtps of Kilted reports for each endpoint of Cyclone DDS."""
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def lab(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def rosbridge(lab):
-    """The port of that server."""
+    """Port of the rosbridge server."""
     pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
     port = free_tcp_port()
     with served("net", "server", "rosbridge", "--router", lab.endpoint, "--port", str(port)):
@@ -84,7 +84,7 @@ def operator(judge, lab, tmp_path, request):
 
 
 def by(*judges):
-    """A test that these programs take."""
+    """Parametrize a test with these programs."""
     return pytest.mark.parametrize("judge", judges, indirect=True)
 
 
@@ -111,7 +111,7 @@ def test_the_arm_is_on_its_graph_by_the_types_that_it_knows(operator, judge):
         hashes = operator.graph()["hashes"]
         return {topic: hashes[topic] for topic in HEARD}
 
-    # Of which node an endpoint is comes after the endpoint.
+    # The node of an endpoint is announced after the endpoint.
     until(lambda: of_what_it_hears() == wanted, "the graph")
     graph = operator.graph()
     assert {SERVER, "/judge"} <= {*graph["nodes"]}
@@ -134,7 +134,7 @@ def test_its_stream_moves_the_arm_while_it_is_there(operator, lab):
             return any(reported)
 
         await_status(rested, "the rest")
-    # By how often the arm has told its status meanwhile.
+    # Time to rest, by the number of status messages since.
     assert reported.index(True) < REST_WITHIN_S * STATUS_HZ
 
 
@@ -142,7 +142,7 @@ def test_its_stream_moves_the_arm_while_it_is_there(operator, lab):
 def test_it_stops_the_arm_by_a_topic(operator, lab):
     operator.stream(0.05)
     operator.tell_and_wait("stop")
-    # The stream that goes on does not begin again by itself.
+    # The running stream must not move the arm again by itself.
     await_rest(lab.endpoint)
     operator.kill()
 
@@ -168,8 +168,8 @@ def test_its_motion_arrives(operator):
     until(lambda: operator.z() == pytest.approx(pose["position"]["z"], abs=0.001), "the pose")
 
 
-# zenoh-ros2-sdk 0.1.8 looks for publishers of what is latched by a name of which only the first
-# slash is `%`, as on the wire all are: it never finds one in a namespace.
+# zenoh-ros2-sdk 0.1.8 looks for publishers of latched topics by a name in which only the first
+# slash is replaced by `%`; on the wire all are. It never finds such a publisher in a namespace.
 @by(*RCLPY, "roslibpy", "dora-rs")
 def test_what_is_latched_comes_once_each_time(operator):
     for count in (1, 2, 3):
@@ -183,14 +183,14 @@ def test_what_is_latched_comes_once_each_time(operator):
 
 @by(*RCLPY)
 def test_services_and_parameters_and_actions_are_not_there_for_it(operator):
-    """Fast DDS gets no answer of Cyclone DDS: it must not see them as ready."""
+    """Fast DDS gets no reply from servers of Cyclone DDS, and must not see them as ready."""
     services = operator.graph()["services"]
     assert [each for each in services if not each.startswith("/judge/")] == []
     assert operator.called(f"{ARM}/stop", TRIGGER, NONE_WITHIN_S) is None
     assert operator.called(f"{ARM}/get_parameters", GET, NONE_WITHIN_S) is None
 
 
-# zenoh-ros2-sdk 0.1.8 has no services whose request is empty.
+# zenoh-ros2-sdk 0.1.8 does not support services with an empty request.
 @by("roslibpy", "dora-rs")
 def test_it_stops_the_arm_by_a_service(operator):
     assert operator.called(f"{ARM}/stop", TRIGGER)["success"]
@@ -207,7 +207,7 @@ def test_its_action_tells_where_the_arm_is_and_ends(operator):
     until(lambda: operator.z() == pytest.approx(pose["position"]["z"], abs=0.001), "the pose")
 
 
-# zenoh-ros2-sdk 0.1.8 looks for the types that these have in `rcl_interfaces/srv`.
+# zenoh-ros2-sdk 0.1.8 looks for the types of parameter services in `rcl_interfaces/srv`.
 @by("roslibpy", "dora-rs")
 def test_it_sets_and_reads_parameters(operator):
     operator.wait_for_authority()

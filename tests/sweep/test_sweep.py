@@ -1,4 +1,5 @@
-"""Everything that a session has on the network is heard, and answers, over every transport."""
+"""Every topic of a session is received, and every command, service and action replies, over each
+transport."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ def judgment(request, session):
 
 
 def reported(session, command, asked, **more):
-    """Return the report of a judge in its own process; the arm moves when it has commanded."""
+    """Return the report of a judge in its own process; the arm moves once the judge has sent its
+    commands."""
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more
     ) as judge:
@@ -52,7 +54,7 @@ def reported(session, command, asked, **more):
 
 
 def check(asked, found):
-    """Everything was heard, and everything was answered."""
+    """Check that every topic was received and every request was answered."""
     assert [each[0] for each in asked.hear if not found["heard"].get(each[0])] == []
     assert [each[0] for each in asked.commands if not found["commands"][each[0]]] == []
     assert [each[0] for each in asked.services if found["services"][each[0]] is None] == []
@@ -118,8 +120,8 @@ def test_roslib_2_over_rosbridge(session, judgment, running):
     check(judgment, reported(session, command, judgment, cwd=folder))
 
 
-# Over DDS dora-rs leaves out the one byte of an empty message, and Cyclone DDS drops what is left;
-# what it makes of services it reads from the wrong byte.
+# Over DDS dora-rs omits the one byte of an empty message, and Cyclone DDS drops the rest. dora-rs
+# reads replies of services from the wrong byte.
 @pytest.mark.shown_on(
     transport="DDS",
     by="dora-rs",

@@ -1,4 +1,5 @@
-"""The session of a sweep, in a process of its own, and what makes it speak."""
+"""The session of the sweep, in a separate process, and actions that make it publish on every
+topic."""
 
 from __future__ import annotations
 
@@ -62,7 +63,7 @@ RUMBLE = "sensor_msgs/msg/JoyFeedback"
 
 @contextmanager
 def statuses(endpoint: str) -> Iterator[Callable[[Callable[[Any], bool], str], Any]]:
-    """Yield a function that waits for a status of the arm, and returns it."""
+    """Yield a function that waits for a status of the arm and returns it."""
     with BusNode(BusOptions(router=endpoint, listen=()), "waits") as node:
         heard = node.subscription(f"{NODE}/state/status", STATUS, 8)
 
@@ -78,12 +79,12 @@ def statuses(endpoint: str) -> Iterator[Callable[[Callable[[Any], bool], str], A
 
 
 def rests(status: Any) -> bool:
-    """Whether the arm has come to rest."""
+    """True if the arm has come to rest."""
     return status["phase"] in ("holding", "disarmed")
 
 
 def stamp_s(status: Any) -> float:
-    """When the session told it, by the clock of time.time()."""
+    """Stamp of a status, s since the epoch."""
     stamp = status["header"]["stamp"]
     return float(stamp["sec"] + 1e-9 * stamp["nanosec"])
 
@@ -95,16 +96,16 @@ def await_rest(endpoint: str) -> None:
 
 
 class World:
-    """A session with a stick on which an operator rests a hand."""
+    """A session with a simulated joystick, which its operator touches all the time."""
 
     def __init__(self, endpoint: str) -> None:
         self.endpoint = endpoint
         options = BusOptions(router=endpoint, listen=())
         self.network = BusNetwork(options, "watcher")
-        # The driver, a session of its own, meets it directly.
+        # The driver connects to it directly, as a separate Zenoh session.
         self.node = BusNode(BusOptions(router=endpoint, listen=("tcp/127.0.0.1:0",)), "stick")
         self.moving = threading.Event()
-        """While this is set the arm goes to and fro, and a parameter changes."""
+        """While this is set, the arm moves to and fro, and a parameter changes."""
         self._over = threading.Event()
         self._servers: dict[str, MatchedEndpoints] = {}
         self._threads = [threading.Thread(target=each) for each in (self._feed, self._move)]
@@ -119,7 +120,7 @@ class World:
             each.start()
 
     def wait(self, wanted: set[Row]) -> set[Row]:
-        """Return the session's rows once they are `wanted`, or after TIMEOUT_S."""
+        """Return the session's rows once they equal `wanted`, or after TIMEOUT_S."""
         until_s = time.monotonic() + TIMEOUT_S
         while (found := self.rows()) != wanted and time.monotonic() < until_s:
             threading.Event().wait(0.02)
@@ -138,7 +139,7 @@ class World:
         while not self._over.wait(FEED_PERIOD_S):
             count += 1
             now_ns = time.time_ns()
-            # A key without a meaning shows that the operator is there.
+            # A key without a function counts as operator activity.
             message = {"axes": [0.0] * 8, "buttons": [*[0] * 11, int(count % 20 < 2)]}
             self._publisher.put(codec_of(JOY).encode(completed(JOY, message)), now_ns)
             while self._feedback.poll() is not None:
@@ -155,30 +156,30 @@ class World:
             count += 1
             way = 0.01 if count % 2 else -0.01
             gain = {"type": 3, "double_value": 1.0 + 0.01 * (count % 50)}
-            # Network and packets are two sources: each releases the arm for the other one.
+            # Network and packets are two sources; each releases the arm for the other.
             self._ask(count, "release")
             self._call("set_parameters", SET, {"parameters": [{"name": "gain", "value": gain}]})
             self._call("release", "std_srvs/srv/Trigger", {})
             self._ask(count, "relj", value=[0, 0, way, 0, 0, 0])
 
     def choose(self, stream: str) -> None:
-        """Choose a streaming command for everybody, once the arm rests."""
+        """Select a streaming command for all senders, once the arm rests."""
         chosen = {"type": 4, "string_value": stream}
-        # A busy computer makes gaps; a stream that was silent would have to be chosen anew.
+        # A busy computer makes gaps; after a silence the stream would have to be selected again.
         patient = {"type": 3, "double_value": 0.5}
         parameters = [
             {"name": "stream_timeout", "value": patient},
             {"name": "preset_streaming_cmd", "value": chosen},
         ]
         self._call("release", "std_srvs/srv/Trigger", {})
-        # The source that moved it before, and was killed, has it for the lease.
+        # An earlier, killed source keeps the arm until its lease ends.
         with statuses(self.endpoint) as await_status:
             await_status(lambda status: not status["authority"], "that nobody has the arm")
         answer = self._call("set_parameters", SET, {"parameters": parameters})
         assert all(each["successful"] for each in answer["results"]), answer
 
     def rest(self) -> None:
-        """Wait until the arm has come to rest, after any motion."""
+        """Wait until the arm has come to rest after any motion."""
         await_rest(self.endpoint)
 
     def _ask(self, number: int, verb: str, **more: Any) -> None:
@@ -186,8 +187,9 @@ class World:
         self._call("ask", ASK, {"request": json.dumps(packet)})
 
     def _call(self, service: str, kind: str, request: dict[str, Any]) -> Any:
-        """Return the response to one call of a server that was found; None where there is none."""
-        # Without a known server Zenoh answers at once that there is no reply.
+        """Call a service of a discovered server once; return the response, or None if there is no
+        server."""
+        # If no server is known, Zenoh reports at once that there is no reply.
         servers = self._servers.get(service)
         if servers is None:
             servers = self._servers[service] = self.node.presence(SERVICE, f"{NODE}/{service}")
@@ -199,7 +201,7 @@ class World:
         return None if reply is None else codec_of(f"{kind}_Response").decode(reply)
 
     def rows(self) -> set[Row]:
-        """Return the session's rows on the graph, by the names in the table."""
+        """Return the session's rows in the graph, by the names in the table."""
 
         def own(name: str) -> str:
             if name.startswith(f"{NODE}/"):
@@ -229,7 +231,7 @@ class World:
 
 @contextmanager
 def world(folder) -> Iterator[World]:
-    """A session that runs."""
+    """A running session."""
     endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
     path = folder / "session.toml"
     path.write_text(SESSION.format(endpoint=endpoint, other_names=[*get_args(NamesOf)]))

@@ -1,4 +1,4 @@
-"""A robot in virtual time: it is where it is commanded to be, but for its faults."""
+"""A robot in virtual time that is exactly at its command, except for injected faults."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ JOINT = frozenset({CommandKind.JOINT, CommandKind.TORQUE})
 
 
 class World:
-    """A controller and an ideal robot, one tick at a time, with every joint limit watched.
+    """A controller and an ideal robot, stepped tick by tick, with a check of every joint limit.
 
-    With a `plant` of the simulated Motoman the robot lags behind joints that it is commanded.
+    With a `plant` of the simulated Motoman the robot lags behind its commanded joints.
     """
 
     def __init__(self, arm="ur5", commands=JOINT, options=None, start=None, plant="ideal", **more):
@@ -93,7 +93,7 @@ class World:
             self.v[:] = 0.0
             return
         if isinstance(command, JointCommand):
-            # A servo that sags keeps its distance; it does not jump to a new command.
+            # A servo that sags keeps its offset and does not jump to a new command.
             self.q = np.array(command.positions)
             self.v = np.array(command.velocities)
             self._lag_behind(before)
@@ -121,7 +121,7 @@ class World:
             self.v = (self.q - before) / DT_S
 
     def _watch(self):
-        """Commanded position, speed and acceleration, at every tick."""
+        """Check commanded position, speed and acceleration at every tick."""
         servo = self.verbs.servo
         kinematics = servo.kinematics
         driven = isinstance(self.command, (JointCommand, JointVelocityCommand, PoseCommand))
@@ -145,22 +145,22 @@ class World:
 
     @property
     def tcp(self):
-        """Of the commanded joints: position, rotation matrix."""
+        """Pose of the TCP at the commanded joints: position, rotation matrix."""
         commanded = isinstance(self.command, JointCommand)
         q = self.verbs.servo.q if commanded else self.q
         placement = self.verbs.servo.kinematics.forward(q)
         return placement.translation.copy(), placement.rotation.copy()
 
     def six(self):
-        """The commanded pose as six numbers, or the measured one."""
+        """The arm's reported pose as six numbers: commanded if known, else measured."""
         return np.array(self.verbs.stat().pose)
 
     def moved(self, *step):
-        """The measured pose, shifted by x y z in m."""
+        """The reported pose, shifted by x y z in m."""
         return [*(self.six()[:3] + step), *self.six()[3:]]
 
     def run(self, motion, limit_s=60.0):
-        """Tick until the motion is over."""
+        """Tick until the motion has ended."""
         for _ in range(int(limit_s / DT_S)):
             self.verbs.start_pending()
             if motion.over:
@@ -169,7 +169,7 @@ class World:
         raise AssertionError(f"{motion} is not over after {limit_s} s")
 
     def rest(self, limit_s=20.0):
-        """Tick until nothing moves."""
+        """Tick until the arm is at rest."""
         for _ in range(int(limit_s / DT_S)):
             if self.verbs.at_rest:
                 return
@@ -178,7 +178,7 @@ class World:
 
 
 class HandWorld(World):
-    """A robot with an arm's model, that verbs and an operator device may move."""
+    """A robot with an arm's model, moved by verbs and by an operator device."""
 
     def __init__(self, arm=GOFA, mapping=None, **more):
         self.device = DeviceState(10.0, DeviceLink.LIVE, REST, frozenset())
@@ -206,7 +206,7 @@ class HandWorld(World):
 
 
 def streams(**limits):
-    """Options with the default limits of streams but for these."""
+    """Options with the default limits of streams, except these."""
     return ControllerOptions(streams=replace(STREAM_LIMITS, **limits))
 
 
@@ -223,7 +223,7 @@ def streaming(kind, **more):
 
 
 def turned(six, rotation):
-    """`six` after the rotation vector `rotation` in base axes."""
+    """`six`, rotated by the rotation vector `rotation` in base axes."""
     after = multiply(
         from_rotation_vector(Vector3(*rotation)), from_rotation_vector(Vector3(*six[3:]))
     )

@@ -1,10 +1,10 @@
-"""Every state that the controller of one arm can be in, walked breadth-first.
+"""Breadth-first walk over all states of one arm's controller.
 
-The controller, the verbs and the servo are the real ones, the robot is an ideal one in virtual
-time. :class:`Abstract` tells states apart; from each such state, once, each event of EVENTS is
-played, followed by one tick and by as many as it takes to settle, until no new one appears.
-:meth:`World.check` checks the invariants of every tick, whatever led to it; :func:`check_state`
-checks those of every state.
+The controller, the verbs and the servo are the real ones; the robot is an ideal one in virtual
+time. :class:`Abstract` distinguishes states. In each new state every event of EVENTS is applied
+once, followed by one tick, and separately by ticks until the state settles, until no new state
+appears. :meth:`World.check` checks the invariants of every tick, :func:`check_state` those of every
+state.
 """
 
 from __future__ import annotations
@@ -52,32 +52,34 @@ DT_S = 0.01
 REST = (0.0,) * 6
 STREAMER = "a"
 SPEED_M_S = 0.05
-"""At which device, stream and verb move the TCP."""
+"""Speed with which device, stream and verb move the TCP."""
 QUICK_M_S = 0.5 * SPEED_M_S
 SPACE_M = 0.06
-"""How far from the start the operator and the stream go before they turn round."""
+"""Distance from the start at which the operator and the stream reverse."""
 PLANT_RAD_S = 2.0
-"""At which the robot follows any command at most: it does not jump to one."""
+"""Greatest joint speed of the robot: it does not jump to a command."""
 AWAY_RAD = 0.6
-"""By which the robot is pushed, or its reading jumps: above any limit of the following error."""
+"""Displacement of a pushed robot and size of a reading's jump: above any limit of the following
+error."""
 STABLE_TICKS = 12
-"""For which a state has to stay to be settled, longer than any silence limit takes to act."""
+"""Ticks for which a settled state has not changed: more than any silence limit takes to act."""
 SETTLES_S = 4.0
-"""By when every state has settled: a recovery over the whole maximum lead takes the longest."""
+"""Time after which every state has settled: a recovery over the whole maximum lead takes
+longest."""
 WAIT_S = 2.6
-"""For which the wait goes on for the next state: longer than the lease of authority."""
+"""Longest wait for the next state: longer than the lease of authority."""
 BRAKES_S = 0.35
-"""Longest time in which the arm moves though nobody may move it any more: the age at which a device
-or stream counts as silent, and the ramp."""
+"""Longest motion of the arm after all sources lost permission: the age at which a device or stream
+counts as silent, and the ramp."""
 RECOVERS_M_S = 0.052
 RECOVERED_M = 0.11
-"""Longest way of recoveries without re-arming: the maximum lead, and a tenth."""
+"""Longest distance of recoveries without re-arming: the maximum lead plus a tenth."""
 
 BY_DEADMAN = MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S)
 BY_CLUTCH = MappingOptions(clutch="left", linear_speed_m_s=SPEED_M_S)
 BY_REST = MappingOptions(linear_speed_m_s=SPEED_M_S)
 MAPPINGS = {"dead-man": BY_DEADMAN, "clutch": BY_CLUTCH, "rest": BY_REST}
-"""How the operator re-arms."""
+"""Rules of re-arming, by name."""
 
 OFF = "the motors are off"
 ALARM = "the port is flooded"
@@ -87,7 +89,7 @@ BROKEN = "the sensor is broken"
 
 
 def available() -> bool:
-    """Whether the compiled servo is there, whose state can be copied."""
+    """True if the compiled servo, whose state can be copied, is available."""
     try:
         kernel_library()
     except NativePartError:
@@ -96,8 +98,8 @@ def available() -> bool:
 
 
 class Abstract(NamedTuple):
-    """Features that tell two states of the world apart: first the inputs from outside, then the
-    state of the controller."""
+    """Features that distinguish two states of the world: first the external inputs, then the
+    controller's state."""
 
     robot: RobotLink
     ready: bool
@@ -114,10 +116,10 @@ class Abstract(NamedTuple):
     states: States
     """States that the controller reports."""
     implausible: str
-    """"", "rejected", or "rests": the readings were plausible for long enough."""
+    """"", "rejected", or "rests": readings have been plausible for long enough."""
     following: bool
     was_pressed: bool
-    """Whether the button was seen pressed by the controller."""
+    """True if the controller has seen the button pressed."""
     owner: str
     handed_to: bool
     commanded_motion: str
@@ -125,7 +127,7 @@ class Abstract(NamedTuple):
     """"rest", "slow" or "quick"."""
     stream: Stream
     streamed: bool
-    """Whether a command of the stream was taken."""
+    """True if a command of the stream was accepted."""
     verb: str
     """"", "running" or "waiting"."""
 
@@ -173,19 +175,19 @@ class World:
         self.motion = None
         self.command = HoldCommand()
         self.start: float | None = None
-        # State of the operator, as seen from outside of the controller.
+        # State of the operator, as an observer outside of the controller knows it.
         self.rearmed = self.let_go = False
         self.interrupted = False
         self.permitted_s = -1.0
         self.heard = False
-        """Whether a command of the stream was taken since the last tick."""
+        """True if a command of the stream was accepted since the last tick."""
         self.recovered_m = 0.0
         self.at = None
         self.trips = 0
         self.tick()
 
     def copy(self) -> World:
-        """Return a copy that goes on apart from this world, to the same bits."""
+        """Return an independent copy of this world, which behaves identically, bit for bit."""
         verbs, servo = self.verbs, self.verbs.servo
         twin = CompiledServo(
             servo.kinematics, servo.collision, servo.options, verbs.model.task.weights
@@ -204,7 +206,7 @@ class World:
         memo[id(servo)] = twin
         other = copy.deepcopy(self, memo)
         if verbs._pending is not None:
-            # Copied functions keep what they were made with: the arm that this one has.
+            # A copied function still refers to the original arm: rebind its closure.
             prepare = verbs._pending[1]
             cells = (copy.deepcopy(each.cell_contents, memo) for each in prepare.__closure__)
             rebound = types.FunctionType(
@@ -260,7 +262,7 @@ class World:
 
     @property
     def faults(self) -> int:
-        """How many things are wrong at once."""
+        """Number of simultaneous faults."""
         return sum(
             (
                 self.link is not RobotLink.LIVE,
@@ -310,7 +312,7 @@ class World:
         return refusal
 
     def _steer(self) -> None:
-        """Turn round in time, so that no motion meets the arm's limits."""
+        """Reverse the motion before it reaches the arm's limits."""
         if self.start is not None:
             beyond = self.core.commanded.pose.position.x - self.start
             if abs(beyond) > SPACE_M:
@@ -330,7 +332,7 @@ class World:
             self.v = np.zeros(len(self.q))
 
     def settle(self) -> Abstract:
-        """Tick until the state stays."""
+        """Tick until the state no longer changes."""
         found, stays = self.abstract(), 0
         for _ in range(round(SETTLES_S / DT_S)):
             self.tick()
@@ -342,7 +344,7 @@ class World:
         return found
 
     def wait(self) -> None:
-        """Tick until the state is another."""
+        """Tick until the state changes."""
         found = self.abstract()
         for _ in range(round(WAIT_S / DT_S)):
             self.tick()
@@ -353,13 +355,14 @@ class World:
 
     @property
     def driveable(self) -> bool:
-        """Whether nothing is wrong that stops every source."""
+        """True without any fault that stops every source."""
         return not (
             self.link is not RobotLink.LIVE or self.hold_reason or self.alarm or self.held_off
         )
 
     def _watch_operator(self, events: list[ButtonEvent]) -> None:
-        """Follow, from outside, whether it was re-armed since the last interruption."""
+        """Track, outside of the controller, whether the operator re-armed since the last
+        interruption."""
         device, armed = self.device, self.core.armed
         silent = self.deflected and self.now_s - device.stamp_s > 0.1
         wrong = device.link is not DeviceLink.LIVE or self.filter.broken or not self.driveable
@@ -368,13 +371,13 @@ class World:
         self._note_act(events)
 
     def _forget(self, armed: bool) -> None:
-        """Discard earlier actions of the operator."""
+        """Discard the operator's earlier actions."""
         if armed or self.rearmed:
             self.let_go = False
         self.rearmed = self.interrupted = False
 
     def _note_act(self, events: list[ButtonEvent]) -> None:
-        """Note whether re-arming is complete by now."""
+        """Note whether re-arming is now complete."""
         device = self.device
         seen = device.link is DeviceLink.LIVE
         if self.mapping.clutch:
@@ -392,11 +395,11 @@ class World:
             self.rearmed = True
 
     def interrupt(self) -> None:
-        """Require that the operator arms anew."""
+        """Require that the operator re-arms."""
         self.interrupted = True
 
     def check(self) -> None:
-        """Check (a), (c) and (f), by the state known from outside."""
+        """Check (a), (c) and (f), from the externally known state."""
         core, commanded, motion = self.core, self.core.commanded, self.core.motion
         assert (motion is None) is (core.state.motion in RESTING), "who moves it?"
         assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
@@ -448,7 +451,7 @@ class World:
                 elif motion is not None:
                     assert owner in (VERBS, STREAMER), f"{motion} moves for {owner!r}"
 
-    # -- actions of people and programs ----------------------------------------------------------
+    # -- actions of operators and programs -------------------------------------------------------
 
     def hand(self, pressed: bool) -> None:
         if pressed != bool(self.device.buttons):
@@ -470,7 +473,7 @@ class World:
 
 Event = Callable[[World], object]
 EVENTS: dict[str, tuple[Callable[[World], bool], Event]] = {}
-"""Each with what has to be so for it to change anything."""
+"""Events by name, each with the condition under which it changes anything."""
 
 
 def event(applies: Callable[[World], bool]) -> Callable[[Event], Event]:
@@ -542,7 +545,7 @@ def stalls(w):
 
 @event(lambda w: not w.pushed)
 def pushed_away(w):
-    """Something holds the robot, and moves it out of its way."""
+    """An obstacle pushes the robot aside."""
     w.pushed = True
     for _ in range(round(AWAY_RAD / (PLANT_RAD_S * DT_S))):
         w.q = w.q.copy()
@@ -602,7 +605,7 @@ def button_up(w):
 
 @event(talks)
 def button_tapped(w):
-    """Edges that are passed on although the state shows none of them."""
+    """Edges of a button that appear as events although no state shows them."""
     held = bool(w.device.buttons)
     w.hand(not held)
     w.hand(held)
@@ -691,14 +694,14 @@ def filter_mended(w):
 
 
 def commanded(w: World) -> tuple[object, ...]:
-    """Return the state that a refusal must not change."""
+    """Return the state that must not change on a refusal."""
     commanded = w.core.commanded
     placed = (commanded.pose, commanded.twist) if commanded.placed else ()
     return (w.abstract()._replace(streaming=False), placed, w.core.plan_epoch)
 
 
 def play(w: World, name: str) -> str:
-    """Let an event happen; returns its refusal, which must have changed nothing (e)."""
+    """Apply an event; return its refusal, which must have changed nothing (e)."""
     before = commanded(w)
     try:
         EVENTS[name][1](w)
@@ -709,7 +712,7 @@ def play(w: World, name: str) -> str:
 
 
 def rests_when_left_alone(w: World) -> None:
-    """(b): with neutral inputs everything rests within the braking time, or a recovery's."""
+    """(b): with neutral inputs the arm rests within the braking time, or a recovery's time."""
     w.deflect(False)
     w.hand(False)
     w.streaming = False
@@ -783,8 +786,8 @@ ADVICE: tuple[tuple[str, Callable[[World], bool], Event], ...] = (
     (UNPLUGGED, lambda w: w.device.link is not DeviceLink.LIVE, _device_back),
     (r"resynchronizing", lambda w: True, _wait),
 )
-"""Conditions by the words of messages, whether each holds, and the reader's reaction: external
-conditions come first."""
+"""Patterns of messages, each with its condition and the reader's reaction; external conditions come
+first."""
 
 ACTS: tuple[tuple[str, Event], ...] = (
     (r"silent for|silent but|is .* s old", _fresh),
@@ -797,14 +800,14 @@ ACTS: tuple[tuple[str, Event], ...] = (
     (r"move the device and let it go", _move_and_let_go),
     (r"let go of the device to go on", _rest),
 )
-"""The operator's own acts."""
+"""Actions of the operator."""
 
 
 def follow_advice(w: World) -> None:
-    """Follow the message: one act."""
+    """Do one action that the message advises."""
     message = w.core.status().message
     said = message.removeprefix(f"stopped before: {w.core._trip_reason}; ")
-    w.stale = False  # A person who acts has a device that reports it.
+    w.stale = False  # An operator who acts has a device that reports it.
     for pattern, is_so, act in ADVICE:
         if re.search(pattern, said) and is_so(w):
             act(w)
@@ -821,8 +824,8 @@ def follow_advice(w: World) -> None:
 
 
 def leads_to_motion(w: World) -> int:
-    """(d): doing what the message says, and moving the device then, moves the arm; returns
-    after how many acts."""
+    """(d): following the messages and then moving the device moves the arm; return the number of
+    actions."""
     said = []
     for acts in range(16):
         message = w.core.status().message
@@ -852,22 +855,22 @@ class Found(NamedTuple):
     """Results of a walk."""
 
     states: dict[Abstract, tuple[str, ...]]
-    """Each with the shortest way to it."""
+    """States, each with the shortest sequence of events to it."""
     transitions: int
     refusals: int
 
     @property
     def deepest(self) -> tuple[str, ...]:
-        """The longest of the shortest ways."""
+        """Longest of these shortest sequences."""
         return max(self.states.values(), key=len)
 
 
 class ViolationError(AssertionError):
-    """A violated invariant, and the way to it."""
+    """A violated invariant, and the sequence of events to it."""
 
 
 def way_to(way: tuple[str, ...], mapping: MappingOptions = BY_DEADMAN) -> World:
-    """A new world after the events of `way`; "+" behind a name: until it has settled."""
+    """A new world after the events of `way`; a name with "+" ticks until the state has settled."""
     w = World(mapping)
     for each in way:
         take(w, each)
@@ -887,7 +890,7 @@ def take(w: World, step: str) -> str:
 
 
 def check_state(w: World) -> None:
-    """(b) and (d), each from a copy."""
+    """Check (b) and (d), each on a copy."""
     rests_when_left_alone(w.copy())
     leads_to_motion(w.copy())
 
@@ -899,9 +902,9 @@ def explore(
     judge: Callable[[World], object] = check_state,
     reported: Callable[[str, tuple[str, ...]], object] | None = None,
 ) -> Found:
-    """Walk until no new state appears, or `deepest` events from the start, with at most
-    `most_faults` things wrong at once. `reported` takes violations;
-    without it the first is raised."""
+    """Walk until no new state appears, or to `deepest` events from the start, with at most
+    `most_faults` simultaneous faults. `reported` receives violations; without it the first is
+    raised."""
     first = World(mapping)
     first.settle()
     states: dict[Abstract, tuple[str, ...]] = {first.abstract(): ()}
@@ -957,7 +960,8 @@ def explore(
 
 
 def main() -> None:
-    """Walk by the act, number of faults and of events that are named, and print what was found."""
+    """Walk with the rule of re-arming, number of faults and number of events from the command line,
+    and print the results."""
     act, most_faults, deepest = sys.argv[1:]
 
     def reported(why: str, way: tuple[str, ...]) -> None:

@@ -1,6 +1,6 @@
-"""A walk at random over everything that robot, device, verbs and streams can do to a controller.
+"""Random walk over all actions of robot, device, verbs and streams on a controller.
 
-Every tick is checked against what a controller promises whatever comes.
+Every tick is checked against the controller's invariants.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ RECOVERY_M_S = 0.05
 
 
 class Walk:
-    """A robot whose arm has a model, an operator device, verbs and streams of three owners."""
+    """A robot with an arm's model, an operator device, verbs, and streams of three sources."""
 
     def __init__(self, seed, arm, kind, authority, mapping):
         self.random = random.Random(seed)
@@ -130,7 +130,7 @@ class Walk:
                 self.q = self.verbs.servo.q.copy()
         self.v = (self.q - before) / self.period_s
 
-    # -- the promises ------------------------------------------------------------------------
+    # -- invariants --------------------------------------------------------------------------
 
     def _check(self, rested, before):
         core, command, servo = self.core, self.command, self.verbs.servo
@@ -205,7 +205,7 @@ class Walk:
         self.device = self.device._replace(axes=axes or REST, buttons=pressed)
 
     def act(self):
-        """The operator re-arms."""
+        """Re-arm as the operator."""
         self.hand()
         self.tick(2)
         if self.mapping.clutch:
@@ -221,7 +221,7 @@ class Walk:
         self.tick(2)
 
     def heal(self):
-        """All faults end."""
+        """End all faults."""
         self.link, self.hold_reason, self.alarm, self.nonsense = RobotLink.LIVE, "", "", None
         self.held = False
         self.period_s = DT_S
@@ -237,7 +237,7 @@ class Walk:
         self.tick(400)
 
     def lives(self):
-        """Whether an operator can move the arm again, after re-arming often enough."""
+        """True if an operator can move the arm after some attempts at re-arming."""
         self.heal()
         for _ in range(40):
             self.act()

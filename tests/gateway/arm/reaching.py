@@ -1,4 +1,5 @@
-"""The two ways to an arm: CartesianDevice here, RemoteArm at a session on a bus."""
+"""Two implementations of an arm: CartesianDevice in this process, RemoteArm through a session on
+the network."""
 
 from __future__ import annotations
 
@@ -19,12 +20,12 @@ TIMEOUT_S = 20.0
 
 
 class Place(NamedTuple):
-    """An arm that is not open yet, and the function that ends its loop."""
+    """An arm before open(), and the function that ends its control loop."""
 
     device: CartesianDevice | RemoteArm
     end_loop: Callable[[], None]
     address: str = ""
-    """Where the arm is on a bus."""
+    """Address of the arm on the network."""
 
 
 def config_of(robot: dict[str, Any], tables: dict[str, Any]) -> SessionConfig:
@@ -34,11 +35,11 @@ def config_of(robot: dict[str, Any], tables: dict[str, Any]) -> SessionConfig:
 
 
 class Here:
-    """CartesianDevice, on a simulated robot that is as fast as it can."""
+    """CartesianDevice on a simulated robot that runs as fast as it can."""
 
     @contextmanager
     def place(self, **tables: Any) -> Iterator[Place]:
-        """An arm of a session with these tables, closed at the end."""
+        """An arm with these tables of a session, closed at the end."""
         config = config_of({"pacing": "virtual"}, tables)
         robot = make_driver(config.robot, "robot")
         device = CartesianDevice(
@@ -60,17 +61,17 @@ class Here:
 
     @contextmanager
     def arm(self, **tables: Any) -> Iterator[CartesianArm]:
-        """The same, open."""
+        """The same arm, open."""
         with self.place(**tables) as place, place.device as device:
             yield device
 
 
 class OnTheBus(Here):
-    """RemoteArm, at a session in a thread of this process."""
+    """RemoteArm, with a session in a thread of this process."""
 
     @contextmanager
     def place(self, **tables: Any) -> Iterator[Place]:
-        """An arm of a session with these tables, closed at the end."""
+        """An arm with these tables of a session, closed at the end."""
         endpoint = free_endpoint()
         tables["network"] = {"router": "", "listen": [endpoint]}
         session = make_session(config_of({"period_s": 0.004}, tables))

@@ -1,4 +1,4 @@
-"""A motion has arrived when the measured arm has, not its command; on simulated time."""
+"""A motion is done when the measured arm has arrived, not its command; in simulated time."""
 
 import re
 
@@ -176,7 +176,7 @@ def test_a_session_has_them_in_its_table_of_the_arm():
 
 @pytest.mark.parametrize("verb", ["movl", "movj", "trajectory"])
 def test_where_only_the_command_is_already_the_arm_is_waited_for(verb):
-    """Asked again after a stop near the goal, or after a motion that did not arrive."""
+    """A request is repeated after a stop near the goal, or after a motion that did not arrive."""
     world = gp8("ideal")
     world.run(world.verbs.movj(world.moved(0.0, 0.0, -0.01)))
     world.sag[1] = 0.03

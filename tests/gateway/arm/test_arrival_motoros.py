@@ -1,5 +1,5 @@
-"""When `wait` is True, the arm of a simulated MotoROS controller that lags as a real GP8 does is at
-its goal: over TCP, by the controller's own measured joints."""
+"""With `wait` true, the arm of a simulated MotoROS controller, which lags like a real GP8, is at
+its goal when the motion is done: over TCP, by the controller's own measured joints."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ ALLOWED = ArrivalOptions()
 
 @pytest.fixture(params=["velocity", "stream"])
 def cell(request):
-    """The controller of ``cardan sim motoman-gp8 --plant paper``, and the arm that it moves."""
+    """The controller of ``cardan sim motoman-gp8 --plant paper``, and the arm that moves it."""
     options = MotorosControllerOptions(base_port=0, servo_on=True, plant="paper")
     with in_a_thread(MotorosControllerPeer(options)) as peer:
         robot = Motoros(

@@ -142,7 +142,7 @@ SOURCES = st.sampled_from((OPERATOR, VERBS, "a", "b"))
 
 
 class OneOwner(RuleBasedStateMachine):
-    """For all actions of sources: only these four ways change the owner, and only as they say."""
+    """In any sequence of actions, only these four change the owner, each by its own rule."""
 
     policy = AuthorityPolicy.OPERATOR
 

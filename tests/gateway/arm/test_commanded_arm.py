@@ -1,4 +1,4 @@
-"""An arm in task space: it is placed, braked and brought back inside its limits."""
+"""An arm in task space is placed, braked and brought back inside its limits."""
 
 import math
 
@@ -51,7 +51,7 @@ def at(x=0.0, y=0.0, z=0.0, turn=ZERO3):
 
 
 def moving(linear=ZERO3, angular=ZERO3):
-    """An arm that was commanded to move so."""
+    """An arm that is commanded to move with this twist."""
     commanded = TaskSpaceArm(LIMITS)
     commanded.place(at())
     reference = Reference(LIMITS)
@@ -136,7 +136,7 @@ def test_it_begins_at_rest_where_the_robot_is():
 def test_it_goes_on_at_the_speed_that_the_robot_really_has():
     commanded = moving(Vector3(0.2, 0.0, 0.0), Vector3(0.0, 0.0, 0.4))
     turned = at(0.0102, turn=Vector3(0.0, 0.0, 0.0004))
-    commanded.place(turned, at(0.01), 0.002)  # Half of the commanded speed.
+    commanded.place(turned, at(0.01), 0.002)  # half of the commanded speed
     assert commanded.twist.linear == pytest.approx((0.1, 0.0, 0.0))
     assert commanded.twist.angular == pytest.approx((0.0, 0.0, 0.2))
     assert commanded.pose.position == pytest.approx((0.0102, 0.0, 0.0))
@@ -183,7 +183,8 @@ def test_it_is_never_placed_faster_than_commanded_or_in_another_direction(
 
 
 def step(commanded, move):
-    """Move a period; check that the pose moves by the twist and the twist within acceleration."""
+    """Move for one period; check that the pose moves by the twist, and that the twist changes
+    within the acceleration."""
     before, twist = commanded.pose, commanded.twist
     move()
     way = subtract(commanded.pose.position, before.position)

@@ -1,4 +1,4 @@
-"""The control tick in virtual time: nothing moves unless a fresh, deliberate hand says so."""
+"""The control tick in virtual time: without a live device and re-arming the arm does not move."""
 
 import math
 
@@ -36,7 +36,8 @@ REST = (0.0,) * 6
 
 
 class Bench:
-    """An engine, a device set by hand and an ideal robot that is where it is told."""
+    """A controller, a device whose state the test sets, and an ideal robot that is at its
+    command."""
 
     def __init__(self, deadman=("left",), gripper=None, limits=None, filters=(), watchdogs=None):
         self.core = controller_for_device(
@@ -84,7 +85,7 @@ class Bench:
             after = self.status.twist.linear
             self.speeds.append(norm(after))
             if isinstance(self.command, PoseCommand):
-                # a new session starts at rest: there is no speed to take over
+                # a new session begins at rest: no speed to continue
                 before = before if session == self.robot.session else Vector3(0, 0, 0)
                 step = norm(subtract(after, before))
                 assert step <= ReferenceLimits().linear_acceleration_m_s2 * DT_S * (1 + 1e-9)
@@ -109,7 +110,7 @@ class Bench:
         return self.core.status()
 
     def braked_within(self, speed, acceleration=1.0):
-        """Runs until rest and checks that the ramp was neither a jump nor longer than needed."""
+        """Run until rest; check that the ramp has no step and takes no longer than necessary."""
         first = self.speeds[-1]
         assert first > 0
         self.run(speed / acceleration + 2 * DT_S)
@@ -160,7 +161,7 @@ def test_a_lost_device_brakes_and_needs_rearming(link):
     assert bench.core.phase is Phase.DISARMED
     assert "unplugged" in bench.status.message
     assert bench.status.trips == 1
-    # back again, still deflected and with the button held: not enough
+    # Connected again, deflected and with the button pressed: not enough for re-arming.
     bench.hand(FORWARD, "left")
     bench.run(0.2)
     assert bench.core.at_rest
@@ -200,7 +201,7 @@ def test_a_robot_that_stops_acting_is_braked_and_then_followed_not_dragged():
     bench = Bench().drive()
     moved = Pose(Vector3(0.4, 0.1, 0.7), IDENTITY)
     bench.run(hold_reason="motors are off", pose=moved)
-    # As long as it is heard it may still obey: the command ramps down, it does not break off.
+    # A robot that is heard may still follow: the command brakes in a ramp, without a step.
     assert isinstance(bench.command, PoseCommand)
     assert bench.core.phase is Phase.BRAKING
     assert bench.status.message == "motors are off"
@@ -266,7 +267,7 @@ def test_gravity_sag_does_not_creep_into_the_reference():
     bench = Bench().arm()
     where = bench.core.reference.pose
     for _ in range(100):
-        # the robot hangs 2 mm below its command, and the operator grips again and again
+        # The robot sags 2 mm below its command, and the operator grips repeatedly.
         sagged = Pose(subtract(where.position, Vector3(0, 0, 0.002)), IDENTITY)
         bench.hand(REST)
         bench.run(pose=sagged)
@@ -276,7 +277,7 @@ def test_gravity_sag_does_not_creep_into_the_reference():
 
 
 def pushed_away(bench, way_m=0.2):
-    """Push the arm sideways at 1 m/s; return the pose where it stays."""
+    """Push the arm sideways at 1 m/s; return the pose at which it stays."""
     here = bench.robot.pose
     for step in range(1, round(way_m / DT_S) + 1):
         away = Pose(subtract(here.position, Vector3(0.0, step * DT_S, 0.0)), IDENTITY)
@@ -285,7 +286,7 @@ def pushed_away(bench, way_m=0.2):
 
 
 def stays(bench, seconds, pose):
-    """The robot is held at `pose`; returns the fastest that was commanded meanwhile, m/s."""
+    """Hold the robot at `pose`; return the highest commanded speed meanwhile, m/s."""
     fastest = 0.0
     for _ in range(round(seconds / DT_S)):
         bench.run(pose=pose)
@@ -315,7 +316,7 @@ def test_no_recovery_goes_farther_than_the_maximum_lead_without_rearming():
     assert bench.core.phase is Phase.DISARMED
     assert "not resynchronized with the robot" in bench.status.message
     start = bench.core.commanded.pose.position
-    assert stays(bench, 5.0, away) == 0.0  # Not by itself, however long it takes.
+    assert stays(bench, 5.0, away) == 0.0  # not by itself, after any time
     for _ in range(4):
         bench.hand()
         bench.run(pose=away)
@@ -384,13 +385,13 @@ def test_a_pose_that_jumps_is_not_believed_and_moves_nothing(jump_m, driven):
     trips = bench.status.trips
     stays(bench, 0.15, there)
     rested = bench.core.commanded.pose
-    assert norm(subtract(rested.position, here.position)) < 0.006  # A braking way, if any.
+    assert norm(subtract(rested.position, here.position)) < 0.006  # braking distance, if any
     assert stays(bench, 5.0, there) == 0.0
     assert bench.core.commanded.pose == rested
     assert bench.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
     assert ("jumped by" if jump_m < 1.0 else "farther than any") in bench.status.message
     assert bench.status.trips == trips + 1
-    # A dead-man held through it does not re-arm; and the reading comes back.
+    # A dead-man's switch held since before does not re-arm when the reading is plausible again.
     stays(bench, TRUST_AFTER_S + 0.1, rested)
     bench.hand()
     bench.run(pose=rested)
@@ -451,7 +452,7 @@ def test_a_device_never_heard_keeps_everything_still():
 
 
 class Rule(TwistFilter):
-    """A filter made of a function of the twist; records its inputs."""
+    """A filter that applies a function to the twist and records its inputs."""
 
     def __init__(self, rule, name="rule"):
         self.rule, self.name, self.given, self.words = rule, name, [], ""
@@ -567,7 +568,7 @@ def test_without_a_deadman_a_failing_filter_trips_once():
 
 
 class Model(TaskSpaceArm):
-    """An arm's model that is at START whatever the robot reports."""
+    """An arm's model that computes START, whatever the robot reports."""
 
     def obstacle(self, state, new):
         return ""

@@ -1,4 +1,4 @@
-"""The controller between its robot and the sources that request motion, in virtual time."""
+"""The controller between its robot and the sources of motion requests, in virtual time."""
 
 import math
 
@@ -49,7 +49,8 @@ LIMITS = ReferenceLimits()
 
 
 class Driven:
-    """A controller, a hand and a robot that is sent poses; checked for steps in every tick."""
+    """A controller, an operator device and a robot commanded by poses; every tick is checked for
+    steps."""
 
     def __init__(self, commanded=None, authority=None):
         self.core = controller_for_device(MAPPING, LIMITS, authority=authority)
@@ -59,7 +60,7 @@ class Driven:
             100.0, RobotLink.LIVE, 1, 0, PERIOD_S, REST, (), START, ""
         )  # fmt: skip
         self.follows = 1.0
-        """Share of the commanded motion that the robot makes."""
+        """Fraction of the commanded motion that the robot follows."""
         self.axes, self.buttons = REST, frozenset()
         self.command = HoldCommand()
         self.twist = Twist(ZERO3, ZERO3)
@@ -105,7 +106,7 @@ class Driven:
         return self.core.status()
 
 
-# -- a controller that starts anew -----------------------------------------------------------------
+# -- a restarted robot controller ------------------------------------------------------------------
 
 
 def test_a_new_session_while_moving_goes_on_in_a_ramp_from_the_speed_the_robot_has():
@@ -121,7 +122,7 @@ def test_a_new_session_while_moving_goes_on_in_a_ramp_from_the_speed_the_robot_h
     assert "new session" in bench.status.message
     assert bench.status.trips == 1
     before = bench.command.pose
-    bench.run(0.5)  # The hand insists: that does not re-arm.
+    bench.run(0.5)  # The device stays deflected: that does not re-arm.
     assert bench.command.pose == before
     bench.drive()
 
@@ -138,7 +139,8 @@ def test_a_robot_that_was_slower_than_commanded_is_braked_from_its_own_speed():
 
 def test_a_new_session_of_a_robot_that_is_elsewhere_begins_there_at_rest():
     bench = Driven().drive()
-    bench.command = HoldCommand()  # There is no ramp to keep: it does not obey the old command.
+    # No ramp to continue: the robot no longer follows the old command.
+    bench.command = HoldCommand()
     there = Pose(Vector3(0.3, 0.3, 0.6), IDENTITY)
     bench.run(session=2, pose=there)
     assert bench.command.pose == there
@@ -164,7 +166,7 @@ def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
 
 
 class Broken(TaskSpaceArm):
-    """A commanded arm that computes nonsense on demand."""
+    """A commanded arm that computes invalid commands on demand."""
 
     nonsense = None
 
@@ -198,7 +200,8 @@ def too_fast(command):
 def test_a_command_that_no_limit_allows_is_held_back_and_said(nonsense, words):
     commanded = Broken(LIMITS)
     bench = Driven(commanded).drive()
-    bench.command = HoldCommand()  # The commanded motion breaks off: no command is better.
+    # The commanded motion ends at once: no command is better than an invalid one.
+    bench.command = HoldCommand()
     commanded.nonsense = nonsense
     bench.run()
     assert bench.command == HoldCommand()
@@ -245,7 +248,7 @@ def test_a_lost_datagram_while_joints_accelerate_fully_is_no_nonsense():
 
 
 class Shared(HandWorld):
-    """An arm with verbs, streams and an operator device, and its owner."""
+    """An arm with verbs, streams and an operator device, and its authority."""
 
     def act(self):
         """Re-arm as the operator."""
@@ -283,7 +286,7 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
     status = world.verbs.controller.status()
     assert status.authority.refused == "device: 'a' has authority over the arm"
     assert "'a' has authority over the arm" in status.message
-    world.rest()  # The stream is silent; its lease still runs.
+    world.rest()  # The stream is silent; its lease has not expired.
     world.act()
     assert world.owner == "a"
     world.hand()
@@ -312,7 +315,7 @@ def test_a_hand_that_lets_go_keeps_its_authority_for_a_lease_and_takes_it_again(
     world = operator_and_verbs()
     world.act()
     world.tick(int(2 * LEASE_S / DT_S))
-    assert world.owner == OPERATOR  # held by the dead-man, although nothing moves
+    assert world.owner == OPERATOR  # held by the dead-man's switch, without motion
     world.hand()
     world.tick(int(0.9 * LEASE_S / DT_S))
     assert world.owner == OPERATOR
@@ -357,14 +360,14 @@ def test_anybody_stops_each_source_that_moves_the_arm():
     world.hand(FORWARD, "left")
     world.tick(50)
     assert world.verbs.controller.phase is Phase.MOVING
-    world.verbs.stop(source="b")  # It has no authority, and needs none.
+    world.verbs.stop(source="b")  # without authority, which a stop does not need
     world.tick()
     controller = world.verbs.controller
     assert controller.phase is Phase.BRAKING
     assert (controller.stops, controller.stopped_by) == (1, "b")
     world.rest()
     assert world.verbs.controller.phase is Phase.DISARMED
-    world.tick(100)  # The hand insists.
+    world.tick(100)  # The device stays deflected.
     assert not world.verbs.servo.moving
     world.act()
     world.hand(FORWARD, "left")
@@ -394,7 +397,7 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.2))
     world.tick(ticks)
     assert motion.outcome is Outcome.RUNNING
-    world.hand(FORWARD, "left")  # Deflected already while the line is being braked.
+    world.hand(FORWARD, "left")  # deflected already while the line brakes
     rests = False
     for _ in range(300):
         world.tick()
@@ -407,7 +410,7 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
     assert motion.reason == "the operator device took over"
     assert world.owner == OPERATOR
     assert rests
-    # From rest, along the hand's direction; `World` checks every joint's acceleration.
+    # From rest, in the device's direction; `World` checks every joint's acceleration.
     first = world.verbs.servo.twist[0]
     assert 0.0 < np.linalg.norm(first) <= LIMITS.linear_acceleration_m_s2 * DT_S + 1e-9
     world.tick(50)
@@ -415,7 +418,7 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
     assert world.verbs.servo.twist[0] == pytest.approx((0.1, 0.0, 0.0), abs=0.01)
 
 
-# -- holding off ---------------------------------------------------------------------------------
+# -- inhibited motion ----------------------------------------------------------------------------
 
 
 def test_holding_off_brakes_each_source_and_bars_until_it_is_lifted():

@@ -1,7 +1,7 @@
-"""The arm as its users have it, and one suite for it wherever its loop runs.
+"""The arm's interface for programs, in one suite for both implementations.
 
-Tests with `reach` run for CartesianDevice, on a simulated robot that is as fast as it can, and for
-RemoteArm, at a session on a Zenoh bus of its own in real time.
+Tests with `reach` run for CartesianDevice, on a simulated robot that runs as fast as it can, and
+for RemoteArm, through a session on its own Zenoh network in real time.
 """
 
 import inspect
@@ -55,7 +55,7 @@ QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
 
 @pytest.fixture(params=[Here, pytest.param(OnTheBus, marks=pytest.mark.matrix)])
 def reach(request, monkeypatch):
-    """Opens an arm here, or on the bus."""
+    """Factory of arms, in this process or through the network."""
     for kind in (Gripping, Failing, AtRest):
         monkeypatch.setitem(registry.BUILT_IN, kind.__name__, f"{__name__}:{kind.__name__}")
     return request.param()
@@ -69,7 +69,7 @@ def arm(reach):
 
 
 def until_at(arm, pose):
-    """Wait until the arm is measured there: what arrives is the command, some cycles before."""
+    """Wait until the arm's measured pose is there: the command is there some cycles before."""
     until(lambda: np.allclose(arm.stat().pose[:3], pose[:3], atol=2e-4))
 
 
@@ -106,7 +106,7 @@ def test_a_timeout_stops_and_is_false(arm):
     assert arm.wait(0.5) is False
     assert motion.reason == "stopped"
     assert arm.wait() is False
-    arm.set_parameter("cpts", 0.25)  # Waits until the arm is at rest.
+    arm.set_parameter("cpts", 0.25)  # waits until the arm is at rest
     assert arm.status().state is State.NOT_CONTROLLING
 
 
@@ -166,7 +166,7 @@ def test_a_rehearsal_tells_what_would_stop_a_motion_and_moves_nothing(arm):
     until(lambda: arm.status().moving)
     assert "when it rests" in arm.rehearse_line(near).refusal
     arm.stop()
-    # The rehearsal waits for a braking arm.
+    # A rehearsal waits for the end of braking.
     assert arm.rehearse_line(near).refusal == ""
 
 
@@ -248,7 +248,7 @@ def test_what_waits_for_a_motion_ends_with_the_loop(reach):
         until(lambda: device.status().moving)
         end_loop()
         waiting.join(TIMEOUT_S)
-        # Whether it sees the motion's end or the loop's is chance.
+        # The motion's end and the loop's end race.
         assert said[0] is False or isinstance(said[0], str)
         until(lambda: motion.over)
 
@@ -322,7 +322,7 @@ REFUSED = [
     ("release", (LONG,), f"release: {NO_NAME} {CUT}"),
     ("release", (5,), f"release: {NO_NAME} 5"),
 ]
-"""Requests that every way to an arm refuses: verb, arguments, message."""
+"""Requests that both implementations refuse: verb, arguments, message."""
 
 STREAMS_REFUSED = [
     ("twist", SIX, {"owner": "device"}, "twist: 'device' is the operator device, no program"),
@@ -342,7 +342,7 @@ STREAMS_REFUSED = [
     ("joints", [math.nan] * 6, {}, "joints: number 1 of 6 is nan"),
     ("joints", [1e9] * 6, {}, "joints: number 1 of 6 is 1e+09; no arm goes beyond 10000"),
 ]
-"""Streamed commands that every way to an arm refuses: verb, value, keywords, message."""
+"""Streamed commands that both implementations refuse: verb, value, keywords, message."""
 
 NOT_SET = [
     ("cpts", math.nan, OptionError, "trajectoryRefSpeed", "nan is not allowed"),
@@ -414,7 +414,8 @@ def test_answers_are_of_the_same_types(arm):
 
 
 def test_every_way_has_the_same_verbs():
-    """All members of an arm but `open` and `close` are CartesianArm's, signatures and docs too."""
+    """All members of an arm except `open` and `close` come from CartesianArm, with signatures and
+    docstrings."""
     for kind in (CartesianDevice, RemoteArm):
         for name in ("set_parameter", *IN_PACKETS):
             assert getattr(kind, name) is getattr(CartesianArm, name)
@@ -508,7 +509,7 @@ def test_the_arm_can_be_reserved_for_one_stream(reach):
 
 
 class AtRest(FakeDevice):
-    """A device that nobody touches, without dead-man and clutch."""
+    """A device at rest, without dead-man's switch and clutch."""
 
     def state(self):
         return DeviceState(0.0, DeviceLink.LIVE, (0.0,) * 6, frozenset())

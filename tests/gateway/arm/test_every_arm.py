@@ -1,4 +1,4 @@
-"""Every arm that ships, with default options, on its simulated drives and in virtual time."""
+"""Every shipped arm with default options, on its simulated drives in virtual time."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.matrix
 
 
 class Arm:
-    """The verbs on the simulated arm, one cycle at a time; it never holds for a reason."""
+    """The verbs on the simulated arm, one cycle at a time; the arm must never hold for a reason."""
 
     def __init__(self, name):
         self.robot = SimArm(SimArmOptions(robot=name, pacing="virtual"))
@@ -53,9 +53,10 @@ class Arm:
         raise AssertionError("still moving 2 s after stop")
 
     def take_over(self):
-        """Command it to where it is, from elsewhere: where that is, and where it comes to rest.
+        """Command the arm from another place to its present one; return that place, and the place
+        of rest.
 
-        Drives without integral action hang below what they are commanded to.
+        Drives without integral action sag below their command.
         """
         here = self.six
         for step in ((-0.01, 0.0, 0.0), (0.0, 0.0, 0.0)):
@@ -121,7 +122,7 @@ def test_movv_goes_on_until_stop(arm):
     arm.rest()
     arm.run(0.3)
     moved = arm.six[:3] - start
-    assert -0.02 < moved[0] < -0.015  # what it was not yet fast at the beginning is missing
+    assert -0.02 < moved[0] < -0.015  # less the distance lost while accelerating
     assert moved[1:] == pytest.approx((0.0, 0.0), abs=1e-3)
     before = arm.joints
     arm.run(0.5)
@@ -137,7 +138,7 @@ def test_gcmp_holds_it_until_stop(arm):
     assert arm.joints == pytest.approx(before, abs=2e-3)
     arm.rest()
     arm.run(0.5)
-    assert arm.joints == pytest.approx(before, abs=0.01)  # it hangs in its drives again
+    assert arm.joints == pytest.approx(before, abs=0.01)  # the drives sag again
 
 
 def test_stop_ends_a_line_at_once(arm):

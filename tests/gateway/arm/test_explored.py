@@ -1,4 +1,4 @@
-"""The controller explored, not sampled: see :mod:`tests.gateway.arm.explorer`."""
+"""Exhaustive exploration of the controller: see :mod:`tests.gateway.arm.explorer`."""
 
 import pytest
 
@@ -9,7 +9,7 @@ compiled = pytest.mark.skipif(not explorer.available(), reason="the servo was no
 
 
 @compiled
-@pytest.mark.matrix("clutch", "rest")  # Walks at random, in test_hostile.py, have all mappings.
+@pytest.mark.matrix("clutch", "rest")  # The random walks in test_hostile.py cover all mappings.
 @pytest.mark.parametrize("act", explorer.MAPPINGS)
 def test_every_state_near_the_start_keeps_what_is_promised(act):
     found = explorer.explore(explorer.MAPPINGS[act], deepest=2)
@@ -42,7 +42,7 @@ def test_a_copy_goes_on_to_the_same_bits_and_apart():
 
 @compiled
 def test_letting_go_once_confirms_once():
-    """Else a robot that is held elsewhere is chased without an end."""
+    """Otherwise the command would follow a robot that is held elsewhere, without end."""
     world = way_to(("pushed_away", "deflects+", "rests"), BY_REST)
     for _ in range(600):
         world.tick()

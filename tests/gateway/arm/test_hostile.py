@@ -1,4 +1,4 @@
-"""Sequences of a hostile user, a bad sensor or bad luck: nothing may move by them."""
+"""Hostile requests, bad sensors and bad timing must not cause a motion."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ LEFT = frozenset({"left"})
 
 
 def planned_meanwhile(world, what):
-    """Do `what` while the next line is worked out, as another thread may."""
+    """Call `what` while the next line is planned, as another thread may."""
     plans = world.verbs.plans
     line = plans.line
 
@@ -57,7 +57,7 @@ def planned_meanwhile(world, what):
     plans.line = slow
 
 
-# -- time and readings -----------------------------------------------------------------------
+# -- timing and readings ---------------------------------------------------------------------
 
 
 def test_one_state_of_no_numbers_brakes_in_a_ramp():
@@ -401,7 +401,7 @@ def test_a_new_tool_is_no_following_error():
     assert not world.verbs.servo.moving
 
 
-# -- truth -----------------------------------------------------------------------------------
+# -- correct reports -------------------------------------------------------------------------
 
 
 def test_torques_are_no_rest():
@@ -416,7 +416,7 @@ def test_torques_are_no_rest():
     assert world.verbs.controller.at_rest
 
 
-# -- a walk at random ------------------------------------------------------------------------
+# -- random walks ----------------------------------------------------------------------------
 
 MAPPINGS = (
     MappingOptions(deadman=("left",)),
@@ -428,7 +428,7 @@ KINDS = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
 
 
 WALKS_NOW = (0, 3, 5, 10, 11)
-"""Each arm, kind of command, rule of authority and mapping is in one of them."""
+"""Seeds that cover each arm, kind of command, rule of authority and mapping."""
 
 
 @pytest.mark.matrix(*(str(seed) for seed in range(12) if seed not in WALKS_NOW))

@@ -1,4 +1,5 @@
-"""Relative and absolute jogging: time-based, no 90-degree refusals, through ±pi, along walls."""
+"""Relative and absolute jogging: by time, not by messages; no refusals beyond 90 degrees; through
+±pi; along walls."""
 
 import math
 from dataclasses import replace
@@ -76,7 +77,7 @@ def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
     """The thesis's factor 0.5 at its 10 Hz loop: the distance halves every 0.1 s."""
     options = streams(linear_speed_m_s=0.5, linear_acceleration_m_s2=8.0, linear_jerk_m_s3=400.0)
     left = {}
-    for every in (1, 12):  # messages at 250 and at 21 per second
+    for every in (1, 12):  # messages at a rate of 250 Hz and of 21 Hz
         world = World(options=options)
         world.verbs.set_parameters({"cpda": 0.5, "cpsc": "pose"})
         world.tick()
@@ -94,7 +95,7 @@ def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
 
 
 def test_the_continuous_wrist_of_a_pr2_is_turned_by_poses_without_a_refusal():
-    """The failure in the thesis: joints beyond ±180 degrees, by absolute poses at 50 Hz."""
+    """The thesis's failure: joints beyond ±180 degrees, commanded by absolute poses at 50 Hz."""
     world = streaming(
         "pose",
         "pr2_right_arm",
@@ -112,11 +113,11 @@ def test_the_continuous_wrist_of_a_pr2_is_turned_by_poses_without_a_refusal():
         world.tick()
     assert refused == 0
     turned = world.verbs.servo.q[6] - world.model.home[6]
-    assert turned == pytest.approx(10.0 * 2.0 * math.pi, abs=2.0)  # it counts its turns
+    assert turned == pytest.approx(10.0 * 2.0 * math.pi, abs=2.0)  # full turns are counted
 
 
 def test_through_half_a_turn_the_way_goes_on():
-    """From 170 to 190 degrees the rotation vector jumps by 340; the arm must not."""
+    """From 170 to 190 degrees the rotation vector jumps by 340 degrees; the arm must not."""
     world = streaming("pose", "pr2_right_arm")
     begin = world.six()
     start = from_rotation_vector(Vector3(*begin[3:]))
@@ -151,7 +152,8 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
         )
     assert nearest > 0.009
     assert world.six()[0] < x
-    assert beyond[1] - world.six()[1] == pytest.approx(0.0, abs=2e-3)  # slid as far as asked
+    # slid over the full commanded distance
+    assert beyond[1] - world.six()[1] == pytest.approx(0.0, abs=2e-3)
     begin = world.six()
     for _ in range(250):
         world.verbs.stream("pose", [*(begin[:3] - (0.05, 0.0, 0.0)), *begin[3:]])
@@ -160,7 +162,7 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
 
 
 def lag_m(options, speed=0.1, every=12):
-    """How far behind a steadily moving hand the TCP is, poses coming 21 times a second."""
+    """Lag of the TCP behind a device at constant speed, with poses at 21 Hz."""
     world = World(options=options)
     world.verbs.set_parameter("cpsc", "pose")
     world.tick()
@@ -198,7 +200,7 @@ def test_a_resting_pose_stream_may_be_silent():
 
 
 def test_a_senders_clock_that_is_set_back_is_believed_again_within_a_minute():
-    """A command that seems to have waited for an hour is refused, as an hour's queue would be."""
+    """Until then each command seems to be an hour old, and is refused."""
     world = streaming("pose")
 
     def asked(stamp_s):

@@ -1,4 +1,4 @@
-"""An arm in joint space."""
+"""A commanded arm in joint space."""
 
 import math
 
@@ -54,7 +54,7 @@ def arm(*kinds, kinematics=KINEMATICS, **more):
 
 
 def moving(v, *kinds):
-    """An arm whose joints were commanded to move at `v`."""
+    """An arm whose joints are commanded to move at `v`."""
     commanded = arm(*kinds)
     commanded.place(robot())
     commanded.servo.v[:] = v
@@ -102,11 +102,11 @@ def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():
     assert limits.angular_speed_rad_s == 0.5
 
 
-# -- whether robot and model fit -----------------------------------------------------------------
+# -- agreement of robot and model ----------------------------------------------------------------
 
 
 def reported(shift_m=0.0, turn_rad=0.0):
-    """The TCP by the model, off by so much."""
+    """The TCP pose of the model, shifted and turned by this much."""
     pose = to_pose(KINEMATICS.forward(HOME))
     turn = from_rotation_vector(Vector3(0.0, 0.0, turn_rad))
     return pose._replace(
@@ -190,7 +190,7 @@ def test_it_goes_on_at_the_speeds_that_the_joints_really_have():
     commanded = moving(np.array((0.4, -0.4, 0.4, 0.0, 0.4, -0.4)))
     way = DT_S * np.array((0.2, -0.2, 0.8, 0.3, -0.2, 0.0))
     commanded.place(robot(HOME + way), robot(), DT_S)
-    # As commanded; faster than commanded; not commanded; against the command; not at all.
+    # In order: as commanded, faster than commanded, not commanded, against the command, at rest.
     np.testing.assert_allclose(commanded.servo.v, (0.2, -0.2, 0.4, 0.0, 0.0, 0.0), atol=1e-9)
     np.testing.assert_allclose(commanded.servo.q, HOME + way)
     twist = (
@@ -238,7 +238,7 @@ def test_an_arm_of_velocities_that_is_placed_while_it_moves_is_sent_no_step():
     assert (np.abs(sent - v) <= KINEMATICS.acceleration * DT_S + 1e-9).all()
 
 
-# -- coming back ---------------------------------------------------------------------------------
+# -- return to the robot -------------------------------------------------------------------------
 
 
 @settings(max_examples=10, suppress_health_check=list(HealthCheck))
@@ -287,7 +287,7 @@ def test_an_arm_of_velocities_that_was_pushed_away_returns_slowly_and_blind_not_
     assert command == JointVelocityCommand((0.0,) * 6)
     v = np.array(commanded.command(pushed, 10.0).velocities)
     np.testing.assert_allclose(v, -CORRECTION_SHARE * KINEMATICS.velocity)
-    # No operator steers it while the command comes back to it.
+    # The return to the robot is slower when no operator steers it.
     v = np.array(commanded.command(pushed, 10.0, approaching=True).velocities)
     KINEMATICS.update(commanded.servo.q)
     assert np.linalg.norm(KINEMATICS.jacobian[:3] @ v) == pytest.approx(APPROACH_SPEED_M_S)
@@ -295,7 +295,7 @@ def test_an_arm_of_velocities_that_was_pushed_away_returns_slowly_and_blind_not_
     np.testing.assert_allclose(v, -1e-4 * commanded.velocity_gain_1_s)
 
 
-# -- words ---------------------------------------------------------------------------------------
+# -- messages ------------------------------------------------------------------------------------
 
 
 def test_what_holds_the_arm_is_said():

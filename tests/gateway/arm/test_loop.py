@@ -1,4 +1,4 @@
-"""The loop of one arm answers each state of its robot, once and at once."""
+"""The loop of one arm answers each robot state exactly once, without delay."""
 
 import math
 import sys
@@ -22,7 +22,7 @@ from cardan.types import (
 
 
 class Recorded:
-    """A robot, a controller and a device that note in what order they are asked."""
+    """A robot, a controller and a device that log the order of their calls."""
 
     def __init__(self, ticks=3):
         self.ticks, self.log = ticks, []

@@ -1,4 +1,4 @@
-"""Plausibility of a neighbor's joint states, and how far it may move, in virtual time."""
+"""Plausibility of a neighbor's joint states, and bounds of its motion, in virtual time."""
 
 import math
 
@@ -17,7 +17,7 @@ EPOCH_NS = 1_700_000_000 * NS
 
 
 class Heard:
-    """A watch whose computer and the neighbor's have one clock."""
+    """A watch whose computer shares a clock with the neighbor's."""
 
     def __init__(self, max_age_s=0.15):
         self.watch, self.now_s = NeighborWatch(BODIES, "/right/joint_states", max_age_s), 50.0
@@ -175,7 +175,7 @@ def test_speeds_are_the_larger_of_what_is_said_and_what_is_seen():
 
 
 def test_without_velocities_it_may_have_become_faster_since_halfway_between_two_states():
-    """From rest, with the acceleration that is expected of it, in 0.1 s."""
+    """Starting from rest, with the expected acceleration, for 0.1 s."""
     heard, swing = Heard().say().say(), np.array((0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
     per_speed = BODIES.speeds_m_s(np.array(HOME), swing).max()
     acceleration = BODIES.gained_m_s(1.0).max() / per_speed
@@ -187,7 +187,8 @@ def test_without_velocities_it_may_have_become_faster_since_halfway_between_two_
 
 @pytest.mark.parametrize("name", ["ur5", "pr2_left_arm", "teo_left_arm"])
 def test_no_point_of_a_body_is_faster_than_its_speed_says(name):
-    """Against differences of points sampled in the shapes; and it is no more than the fastest."""
+    """Compared with differences of points sampled on the shapes; the bound is no larger than the
+    fastest point."""
     model = load_arm(name)
     base = Pose(Vector3(0.3, -1.0, 0.2), Quaternion(0.6, 0.0, 0.8, 0.0))
     bodies, arm = NeighborBodies("it", model, base), ArmKinematics(model)
@@ -210,7 +211,7 @@ def test_no_point_of_a_body_is_faster_than_its_speed_says(name):
 
 
 def surface(shape, generator):
-    """Points on a shape, 3×n, in its frame."""
+    """Points on a shape in its frame, 3×n."""
     directions = generator.normal(size=(3, 400))
     directions /= np.linalg.norm(directions, axis=0)
     if hasattr(shape, "radius_m"):
@@ -232,7 +233,7 @@ def test_the_way_is_that_of_the_age_and_of_the_stop():
     way = fast.ways_m(speeds, 0.1)[0]
     assert way > 0.05
     assert slow.ways_m(speeds, 0.1)[0] > way
-    # 2 m/s² for 0.1 s: 0.7 m/s, of which it stops in 0.1225 m.
+    # 2 m/s² for 0.1 s ends at 0.7 m/s, with a braking distance of 0.1225 m
     assert way == pytest.approx(0.07 + 0.1225)
     assert fast.ways_m(0.0 * speeds, 0.01)[0] == pytest.approx(0.0003)
 

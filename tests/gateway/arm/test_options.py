@@ -1,4 +1,4 @@
-"""Valid options of motions, and how limits and streams share a workspace."""
+"""Valid options of motions, and the workspace shared by limits and streams."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Output check: a command that is not a number, or jumps, does not pass."""
+"""The output check stops commands that are NaN or jump."""
 
 import math
 
@@ -52,14 +52,14 @@ def at(x=0.0, speed=None):
 
 
 def passed(*commands, dt_s=DT_S):
-    """A check that all of these passed, one a period."""
+    """A check after these commands, one per period, all of which passed."""
     check = OutputCheck(LIMITS)
     for command in commands:
         assert check.violation(command, dt_s) == ""
     return check
 
 
-# -- values that are not numbers ------------------------------------------------------------------
+# -- NaN and infinite values ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])
@@ -182,14 +182,14 @@ def test_a_hold_passes_and_breaks_no_comparison():
     assert check.violation(at(0.5), DT_S)
 
 
-# -- the limits to the last digit ----------------------------------------------------------------
+# -- exact limits --------------------------------------------------------------------------------
 
 FASTEST_RAD_S = 1.05 * 1.0 + 5e-3
 LONG_S = 0.01
 
 
 def turned(rad, rate=None):
-    """The TCP turned about z, and turning so."""
+    """A command that turns the TCP about z by `rad`, at `rate`."""
     twist = None if rate is None else Twist(ZERO3, Vector3(0.0, 0.0, rate))
     return PoseCommand(Pose(ZERO3, from_rotation_vector(Vector3(0.0, 0.0, rad))), twist)
 
@@ -357,12 +357,13 @@ def test_a_turn_is_measured_the_short_way_whichever_sign_its_quaternions_have():
     assert passed(at()).violation(other, DT_S) == ""
 
 
-# -- periods that are uneven ---------------------------------------------------------------------
+# -- uneven periods ------------------------------------------------------------------------------
 
 
 @given(st.lists(st.sampled_from((0.0, 0.002, 0.004, 0.005, 0.0051, 0.01, 0.02, 0.05)), min_size=2))
 def test_full_acceleration_passes_however_uneven_the_periods_are(periods):
-    """The servo's steps, up to speed and back again: a lost datagram is no jump."""
+    """The servo's steps while accelerating and braking: a lost datagram must not count as a
+    jump."""
     limits = LIMITS._replace(joint_lower=(), joint_upper=(), joint_speed=(1.0, 50.0))
     check = OutputCheck(limits)
     fastest, acceleration = limits.joint_speed, limits.joint_acceleration
@@ -418,7 +419,7 @@ def test_what_passes_is_finite_and_within_speed_and_acceleration_of_the_last(seq
 
 
 def judge(command, last, rates, dt_s):
-    """Check one command that passed after `last`; returns the joints' mean speeds and period."""
+    """Check one command that passed after `last`; return the joints' mean speeds and the period."""
     if isinstance(command, JointCommand):
         assert is_finite(command.positions)
         assert is_finite(command.velocities or ())

@@ -1,4 +1,4 @@
-"""The page about the Cartesian device against the code."""
+"""Checks the documentation page of the Cartesian device against the code."""
 
 import re
 from pathlib import Path

@@ -13,7 +13,7 @@ REQUESTS = {
     "movl": 1819701101, "movv": 1987473261, "gcmp": 1886217063, "forc": 1668444006,
     "stop": 1886352499, "wait": 1953063287, "tool": 1819242356, "act": 7627617,
 }  # fmt: skip
-"""Here they are asked for by their names."""
+"""Codes that the tests also look up by name."""
 INTEGERS = {
     "ok": 27503, "fail": 1818845542, "set": 7628147, "get": 7628135, "nset": 1952805742,
     "pose": 1702063984, "twst": 1953724276, "wrnc": 1668182647,

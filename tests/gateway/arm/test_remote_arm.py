@@ -1,4 +1,4 @@
-"""An arm by packets, with a test in the session's place: packets in any order."""
+"""An arm behind packets; the test acts as the session and sends packets in any order."""
 
 import pytest
 
@@ -68,7 +68,7 @@ def test_stop_after_the_end_is_done_only_where_the_arm_is_known_to_rest():
         arm.end("the session has ended", rests=False)
         with pytest.raises(MotionLoopError, match="the session has ended"):
             arm.stop()
-    arm.stop()  # It is closed.
+    arm.stop()  # already closed
 
 
 @pytest.mark.parametrize("source", ["", "device", "x" * 65])
@@ -126,7 +126,7 @@ def test_an_arm_that_cannot_be_connected_is_not_open():
             arm.open()
         with pytest.raises(MotionLoopError, match="not open"):
             arm.stat()
-        arm.stop()  # Nothing moves by it.
+        arm.stop()  # does not move the arm
         arm.close()
 
 

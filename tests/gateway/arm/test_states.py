@@ -1,4 +1,4 @@
-"""Machines of an arm's states: see :mod:`tests.gateway.arm.explorer` for their combinations."""
+"""State machines of an arm: see :mod:`tests.gateway.arm.explorer` for their combinations."""
 
 import ast
 import inspect
@@ -104,7 +104,7 @@ def test_what_inhibits_for_one_tick_keeps_its_first_reason_and_what_is_said_its_
     assert inhibits_after(inhibits, "", Inhibit.WHILE_SAID) == {Inhibit.ONCE: "first"}
 
 
-# -- each machine: its transitions, and no others --------------------------------------------------
+# -- exact transitions of each machine -------------------------------------------------------------
 
 
 def facts_where(**known):
@@ -116,7 +116,7 @@ def others(members, *but):
 
 
 def changes_of(after, members):
-    """{(state, event, facts): next state} wherever it is another one."""
+    """{(state, event, facts): next state} of all transitions that change the state."""
     return {
         (state, event, facts): after(state, event, facts)
         for state, event, facts in itertools.product(members, ArmEvent, FACTS)
@@ -125,7 +125,7 @@ def changes_of(after, members):
 
 
 def changes(*rules):
-    """The same of rules (states, event, facts, next state)."""
+    """The same mapping, from rules (states, event, facts, next state)."""
     return {
         (state, event, each): after
         for states, event, facts, after in rules
@@ -244,7 +244,7 @@ BOTH = (False, True)
 
 
 def all_requests():
-    """(arming, request, acknowledges, owns, refused) without faults."""
+    """All (arming, request, acknowledges, owns, refused) without faults."""
     for before, asked, requested, *rest in itertools.product(
         Arming, Arming, BOTH, BOTH, BOTH, BOTH
     ):
@@ -296,7 +296,7 @@ def test_rearming_without_a_button_is_rest_and_where_it_is_inhibited_to_let_go(b
     assert armed_by_rest(before, True, True) == (Arming.DISARMED, before is Arming.DEFLECTED)
 
 
-# -- messages to people ----------------------------------------------------------------------------
+# -- messages to operators -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("moving", BOTH)

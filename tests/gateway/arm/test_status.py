@@ -1,4 +1,4 @@
-"""Limits in effect on an arm, a word each, as in its metrics."""
+"""Limits in effect on an arm, each as a word of its metrics."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Streaming commands on simulated time: taken, refused, limited, and ended by silence."""
+"""Streaming commands in simulated time: accepted, refused, limited, and ended by silence."""
 
 import math
 
@@ -37,7 +37,7 @@ def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():
     world.tick()
     assert world.verbs.stream("joints", [0.0] * joints, owner="one") == ""
     world.rest()
-    # While its sender has the authority, its stream stays.
+    # While its sender has authority, its stream stays selected.
     assert twist("two") == "twst: 'one' has authority over the arm"
     world.tick(int(2.5 / DT_S))
     assert world.verbs.status().authority.owner == ""
@@ -46,12 +46,12 @@ def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():
         assert twist("two", begins) == "twst: the streaming command is jnts"
     assert twist("two") == ""
     assert (world.verbs.streams.kind, world.verbs.streams.owner) == (Stream.TWIST, "two")
-    # Its own sender turns to another one at rest.
+    # The owner selects another stream at rest.
     world.verbs.stream("twist", [0.0] * 6, owner="two")
     world.rest()
     assert world.verbs.stream("joints", [0.1] * joints, owner="two", begins=Begins.NEW) == ""
     assert (world.verbs.streams.kind, world.verbs.status().authority.owner) == (Stream.JOINT, "two")
-    # A stream that was chosen and not used yet stays chosen.
+    # A stream that was selected but not used yet stays selected.
     world.verbs.release("two")
     world.rest()
     world.verbs.set_parameter("cpsc", "jnts")
@@ -65,7 +65,7 @@ def test_a_motion_clears_the_choice():
         world.tick()
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.05))
     assert motion.outcome is Outcome.WAITING
-    for _ in range(2):  # While the arm slows for it, and after it.
+    for _ in range(2):  # while the arm brakes for the motion, and afterwards
         assert world.verbs.get_parameter("cpsc") == Stream.NONE
         assert "movl took over" in world.verbs.stream("twist", [0.0] * 6)
         world.run(motion)
@@ -89,14 +89,14 @@ def test_twists_move_and_silence_brakes(frame):
     world.tick(int(0.1 / DT_S) + 2)
     assert world.verbs.status().message.startswith("the stream was silent")
     world.rest()
-    # 0.1 s on and a braking way of v²/2a.
+    # 0.1 s of silence, and a braking distance of v²/2a
     assert np.linalg.norm(world.six()[:3] - silent[:3]) < 0.1 * 0.11 + 0.005 + 0.004
     twist, going_on = [0.0, 0.0, -0.1, 0.0, 0.0, 0.0], Begins.GOING_ON
     assert "silent" in world.verbs.stream("twist", twist)
     held = world.q.copy()
     world.tick(50)
     np.testing.assert_array_equal(world.q, held)
-    # Its own sender alone goes on with it, unless it was stopped.
+    # Only the same sender may continue, and not after a stop.
     assert "does not begin again" in world.verbs.stream("twist", twist, owner="x", begins=going_on)
     assert world.verbs.stream("twist", twist, begins=going_on) == ""
     world.verbs.stop()
@@ -262,7 +262,7 @@ def test_a_queue_is_no_measure_of_the_delay_when_a_stream_is_chosen_again():
 
 
 DRIFT = 1e-4
-"""Of a sender's clock against ours: two cheap crystals."""
+"""Relative drift of a sender's clock against ours, as of two cheap crystals."""
 
 
 @pytest.mark.parametrize("drift", [DRIFT, -DRIFT])
@@ -305,7 +305,7 @@ def test_the_queue_of_a_sender_that_was_refused_is_no_measure_of_its_delay():
     while world.verbs.stamp_s < begun_s + 3.0:
         assert world.verbs.stream("twist", twist, owner="a") == ""
         age_s = world.verbs.stamp_s - begun_s
-        # Live at first; then its messages wait longer and longer.
+        # Fresh at first; then each message is delayed more than the one before.
         assert "'a' has authority" in world.verbs.stream(
             "twist", twist, owner="b", stamp_s=begun_s + min(age_s, 0.2) + 0.1 * age_s
         )
@@ -322,7 +322,7 @@ def test_the_first_stamp_of_a_sender_moves_nothing_until_another_one_agrees():
     world = streaming("twst")
     twist = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
     sent_s = world.verbs.stamp_s - 2.0
-    # Commands queued during an outage come at once, the oldest first.
+    # Commands queued during an outage arrive at once, the oldest first.
     for number in range(50):
         why = world.verbs.stream("twist", twist, owner="a", stamp_s=sent_s + 0.04 * number)
         assert "not known yet" in why
@@ -333,7 +333,7 @@ def test_the_first_stamp_of_a_sender_moves_nothing_until_another_one_agrees():
         world.tick(5)
         taken += not world.verbs.stream("twist", twist, owner="a", stamp_s=world.verbs.stamp_s)
     assert taken >= 2
-    # The estimate of its clock outlives its silence.
+    # The estimate of the sender's clock outlives a silence.
     world.tick(int(5.0 / DT_S))
     world.verbs.set_parameter("cpsc", "twst")
     why = world.verbs.stream("twist", twist, owner="a", stamp_s=world.verbs.stamp_s - 2.0)

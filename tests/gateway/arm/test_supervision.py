@@ -1,4 +1,4 @@
-"""Findings of the robot's supervision, tick by tick, in virtual time."""
+"""Faults that the supervision of a robot reports, tick by tick, in virtual time."""
 
 import math
 
@@ -21,7 +21,7 @@ DT_S = 0.004
 
 
 class Watched:
-    """A robot that is looked at once a period."""
+    """A robot that is supervised once per period."""
 
     def __init__(self, robot_period_s=0.0, **watchdogs):
         self.supervision = Supervision(Watchdogs(**watchdogs), robot_period_s)
@@ -106,7 +106,7 @@ def test_a_reading_that_jumps_is_not_believed_until_it_is_trusted_again():
     assert watched.supervision.implausible == found.reason
     assert not watched.supervision.trustworthy
     assert watched.look() is None
-    assert watched.supervision.implausible  # Plausible from there on, and still not believed.
+    assert watched.supervision.implausible  # Plausible from here on, and not yet trusted.
     for _ in range(math.ceil(TRUST_AFTER_S / DT_S)):
         watched.look()
     assert watched.supervision.trustworthy
@@ -137,7 +137,7 @@ def test_a_new_session_may_be_anywhere():
 
 
 def test_readings_that_waited_in_a_queue_are_no_jump():
-    """Two instants that come at once were measured a period apart."""
+    """Two readings that arrive at once were measured one period apart."""
     watched = ready()
     assert watched.look(0.0, period_s=0.02, pose=watched.pose(0.1)) is None
 
@@ -220,7 +220,7 @@ POSES = st.one_of(st.none(), st.floats(-0.02, 0.02).map(Watched.pose), st.just(W
     )
 )
 def test_after_any_absence_a_robot_is_never_taken_for_granted(ticks):
-    """A robot is all well only from the second ready tick on, in the same session, with no jump."""
+    """A robot is usable only from the second ready tick on, in the same session, without a jump."""
     watched, before = Watched(), None
     for after_s, link, reason, session, pose in ticks:
         found = watched.look(after_s, link=link, hold_reason=reason, session=session, pose=pose)

@@ -1,4 +1,4 @@
-"""Joint trajectories of others, followed through the one controller, on simulated time."""
+"""Joint trajectories from other programs, followed through the controller, in simulated time."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from tests.gateway.arm.arms import DT_S, World, streams
 
 
 def to(world, *steps, duration_s=2.0, first=True, **more):
-    """A trajectory from where the arm is over points that are `steps` away from it."""
+    """A trajectory from the arm's joints over points that are offset by `steps`."""
     q = world.q
     rows = [q + np.array(step) for step in steps]
     times = [duration_s * (number + 1) / len(rows) for number in range(len(rows))]
@@ -101,7 +101,7 @@ WRAPPED = pytest.mark.parametrize("turns", [-2, -1, 1, 3])
 
 
 def pr2(turns):
-    """Its forearm roll (4) and wrist roll (6) have no end, and were turned on."""
+    """A PR2 whose continuous joints, forearm roll (4) and wrist roll (6), start some turns away."""
     world = World("pr2_right_arm")
     start = world.q.copy()
     start[[4, 6]] += 2.0 * np.pi * turns
@@ -222,7 +222,7 @@ def test_an_arm_that_lags_behind_leaves_its_path_tolerance(tolerance):
     world = World()
     motion = world.verbs.trajectory(to(world, STEP, path_tolerance=tolerance))
     world.tick(int(0.6 / DT_S))
-    world.sag[0] = -0.05  # Less than the supervision trips at.
+    world.sag[0] = -0.05  # less than the supervision's limit
     world.tick(int(0.9 / DT_S))
     world.sag[0] = 0.0
     world.run(motion)

@@ -1,4 +1,4 @@
-"""The verbs of the Cartesian interface on simulated time."""
+"""The verbs of the Cartesian interface, in simulated time."""
 
 import math
 import re
@@ -45,7 +45,7 @@ def same_rotation(a, b, atol=1e-5):
     return abs(abs(np.dot(a, b)) - 1.0) < atol**2 + 1e-12
 
 
-# -- where it is ---------------------------------------------------------------------------------
+# -- reported state ------------------------------------------------------------------------------
 
 
 def test_stat_is_measured_in_the_base_whatever_the_frame():
@@ -150,7 +150,7 @@ def test_a_line_is_straight_and_takes_its_time():
     start = world.six()
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.125))
     assert world.verbs.state is State.MOVL
-    assert motion.duration_s == pytest.approx(5.0)  # Check value of the field's defaults.
+    assert motion.duration_s == pytest.approx(5.0)  # check value for the default parameters
     assert motion.note == ""
     began, off, fastest = world.now_s, 0.0, 0.0
     while not motion.over:
@@ -243,7 +243,7 @@ def test_movv_goes_on_and_stops_on_command():
     way = start[2] - world.six()[2]
     assert way == pytest.approx(
         0.2 - 0.5 * 0.1 * 0.1 - 0.1 * 0.025, abs=2e-3
-    )  # More than refSpeed meters.
+    )  # after a path longer than refSpeed meters
     world.verbs.stop()
     assert world.verbs.state is State.NOT_CONTROLLING
     world.rest()
@@ -609,7 +609,7 @@ def test_no_parameter_is_set_in_motion():
         world.verbs.set_parameter("cpts", 1.0)
     world.run(motion)
     world.verbs.set_parameter("cpts", 1.0)
-    # That claims the arm for nobody; its owner keeps it by that.
+    # Setting a parameter gives no source authority; it only renews the owner's lease.
     world.verbs.release()
     world.verbs.set_parameters({"cpts": 0.5}, source="one")
     assert world.verbs.status().authority.owner == ""
@@ -645,7 +645,7 @@ def test_a_robot_that_is_lost_ends_the_motion(cause):
     if cause in ("silent", "stall"):
         assert world.command == HoldCommand()
     else:
-        # A robot that still obeys is braked in a ramp.
+        # A robot that still follows is braked in a ramp.
         speeds = np.abs(world.command.velocities)
         assert (speeds <= np.abs(commanded) + 1e-9).all()
         assert speeds.max() > 0.5 * np.abs(commanded).max()
@@ -675,11 +675,11 @@ def test_a_held_arm_trips_and_the_command_comes_back():
     with pytest.raises(MotionRefusedError, match="coming back"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.1))
     max_lead_m = ControllerOptions().streams.max_lead_m
-    world.tick(50)  # to rest
+    world.tick(50)  # until rest
     for _ in range(6):
         before = np.array(world.verbs.commanded.pose.position)
         world.tick(1000)
-        # No source requested this motion: the maximum lead, and then only after re-arming.
+        # Without a request: at most the maximum lead, and again only after re-arming.
         assert np.linalg.norm(world.verbs.commanded.pose.position - before) <= max_lead_m
         assert not world.verbs.servo.moving
         if not world.verbs.controller.inhibited:
@@ -715,7 +715,7 @@ def test_velocity_robots_are_kept_from_creeping():
     assert motion.outcome is Outcome.DONE
     world.tick(2000)
     assert isinstance(world.command, JointVelocityCommand)
-    # Gain 0.05 and 50 ms are 1/s, so a creep of 0.002 rad/s ends 0.002 rad away.
+    # A gain of 0.05 per 50 ms is 1/s: a creep of 0.002 rad/s ends 0.002 rad away.
     np.testing.assert_allclose(world.verbs.servo.q - world.q, -0.002, atol=1e-4)
 
 
@@ -828,7 +828,7 @@ def test_a_command_that_never_meets_its_arm_is_given_up():
     motion = world.verbs.movv([0.0, 0.0, -0.05, 0.0, 0.0, 0.0])
     world.tick(100)
     before = world.verbs.servo.q.copy()
-    for _ in range(100):  # a joint that comes to be measured a radian away from where it is
+    for _ in range(100):  # a joint whose measured position drifts a radian away
         world.sag[0] += 0.01
         world.tick()
     world.tick(3000)

@@ -1,4 +1,5 @@
-"""Table of verbs: every object with verbs has these, and a new verb is an entry and a method."""
+"""Table of verbs: every object with verbs has these, and a new verb needs one entry and one
+method."""
 
 import inspect
 import math
@@ -18,7 +19,7 @@ from cardan.types import Frame, Pose, Quaternion, Vector3
 from tests.gateway.arm.arms import World
 
 HAS = {"open", "close", "source", SET_ONE}
-"""Members of an arm beside its verbs."""
+"""Members of an arm that are not verbs."""
 
 
 def test_an_arm_has_the_verbs_of_the_table_and_no_others():
@@ -28,7 +29,7 @@ def test_an_arm_has_the_verbs_of_the_table_and_no_others():
 
 @pytest.mark.parametrize("name", sorted(VERB_TABLE.keys() - SEQUENCED - {"wait"}))
 def test_each_verb_is_a_method_that_takes_what_the_table_says(name):
-    """But for `wait`, which the desk has."""
+    """The verb `wait` is left out, because the verb server implements it."""
     verb = VERB_TABLE[name]
     named = [*inspect.signature(getattr(ArmVerbs, verb.name)).parameters][1:]
     assert ("source" in named) is (verb.changes or verb.name == "stop")
@@ -50,7 +51,7 @@ def test_what_the_network_has_is_of_the_table():
 
 
 class Arm:
-    """Records its requests."""
+    """Records the requests made to it."""
 
     def __getattr__(self, name):
         def asked(*values):

@@ -1,13 +1,13 @@
-"""An arm as a program has it that asks a few dozen times a second, in virtual time."""
+"""An arm in virtual time for a program that acts a few dozen times a second."""
 
 from cardan.gateway.arm.interface import CartesianArm
 
 FRAME = 8
-"""Cycles of the robot between two actions: 31 of them a second."""
+"""Cycles of the robot between two actions, which makes 31 actions a second."""
 
 
 class Ticked(CartesianArm):
-    """The verbs of a world, whose loop runs only between actions."""
+    """The verbs of a world whose control loop runs only between actions."""
 
     def __init__(self, world):
         self.world = world

@@ -1,4 +1,4 @@
-"""Asks an arm on the bus for a motion, says so, and is there until it is killed.
+"""Request a motion of an arm on the network, report that, and run until killed.
 
 asker.py ENDPOINT topic|service|remote [peer|client]
 asker.py dds/DOMAIN topic|service
@@ -31,8 +31,8 @@ def slow_twist():
 
 
 def keep_asking(ask: Callable[[], object]) -> None:
-    """Until its input ends. Again now and then: what waited while a session or a bridge stood still
-    is refused, as on a busy computer."""
+    """Request repeatedly until standard input ends: a request that was delayed by a busy session or
+    bridge is refused."""
     ask()
     print("asked", flush=True)
     while not select.select([sys.stdin], [], [], AGAIN_S)[0]:

@@ -1,4 +1,4 @@
-"""An arm's server on a bus without Zenoh, with its worker in the test's own thread."""
+"""An arm's server on a network without Zenoh, with its worker in the test's own thread."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class FakePublisher:
 
 
 class Asked:
-    """A request to a service, and its answer."""
+    """A request to a service, and its replies."""
 
     def __init__(self, type_name, data, gid=None):
         self.type_name, self.data = type_name, data
@@ -55,7 +55,7 @@ class Asked:
 
     @property
     def answer(self):
-        """The one answer."""
+        """The only reply."""
         assert len(self.answers) == 1, self.answers
         return self.answers[0]
 
@@ -69,7 +69,7 @@ class Ring:
 
 
 class FakeNode:
-    """Stand-in for a node, with the members that an arm's server needs."""
+    """A fake node with the members that an arm's server needs."""
 
     full_name = NODE
     namespace, name = "/", NODE[1:]
@@ -113,12 +113,12 @@ class Bench:
     """A simulated arm in virtual time, behind a server on a fake node."""
 
     def __init__(self, names=(), scales=SERVO_SCALES, full=lambda: False, **more):
-        """`names`: the sets of other programs' names that the arm answers to; `full`: whether its
-        worker has enough to do."""
+        """`names`: naming schemes of other programs under which the arm is offered; `full`: true if
+        the worker's queue is full."""
         self.world = World(**more)
         self.node = FakeNode()
         self.requests = []
-        """All that has reached the arm."""
+        """All requests that reached the arm."""
         self.malformed = 0
         self.motions = {}
         self._ids = itertools.count(1)
@@ -127,7 +127,7 @@ class Bench:
         follow = follow_joint_trajectory("controller", joints)
         self.names = ArmNames(joints)
         self.others = other_names(names, self.names, "servo_node", scales)
-        # Clients are watched in test_liveliness.py and test_liveness.py.
+        # test_liveliness.py and test_liveness.py test the supervision of clients.
         self.server = ArmServer(
             self.node,
             self.offer,
@@ -142,7 +142,8 @@ class Bench:
             full=full,
             owner=lambda: self.world.verbs.controller.authority.owner,
         )
-        # A client that publishes and calls here without a node has no token: that is known.
+        # Clients that publish and call here without a node have no token, and the server knows
+        # that.
         for gid in (GID, b"b" * 16):
             self.server.unnamed.until_s((gid, ""), NEVER_S)
         self.now_s = 0.0
@@ -151,7 +152,7 @@ class Bench:
     # -- the worker's part -----------------------------------------------------------------------
 
     def offer(self, client, packet, _now_s):
-        """Carry out a client's request, at once."""
+        """Carry out a client's request at once."""
         try:
             request = client.decode(packet)
         except PacketError as error:
@@ -232,15 +233,15 @@ class Bench:
                 del self.motions[number]
                 client.ended(self._note(number, motion))
 
-    # -- the other side --------------------------------------------------------------------------
+    # -- the network side ------------------------------------------------------------------------
 
     def poll(self, after_s=1.0):
-        """One cycle of the loop's part, `after_s` after the one before."""
+        """Run one cycle of the loop's part, `after_s` after the previous one."""
         self.now_s += after_s
         self.server.poll(self.now_s)
 
     def appear(self, node, kind=PUBLISHER, zid="b0", number="0"):
-        """An endpoint of a node appears on the bus: its token."""
+        """Announce an endpoint of a node by its liveliness token."""
         namespace, _, name = node.rpartition("/")
         entity = Entity(
             zid, number, str(next(self._endpoints)), kind, namespace or "/", name, "/x",
@@ -251,14 +252,15 @@ class Bench:
         return token
 
     def vanish(self, token):
-        """It leaves, or its process is killed."""
+        """Withdraw a token, as if the endpoint left or its process was killed."""
         self.node.tokens.waiting.append((token, False))
 
     def publish(
         self, topic, given=None, *, data=None, type_name="", sequence=None, gid=GID, source_ns=1,
         zid="",
     ):  # fmt: skip
-        """Publish on a topic of the arm, or with // on any: a message, or any bytes."""
+        """Publish a message, or any bytes, on a topic of the arm; on any topic if it begins with
+        //."""
         topic = topic[1:] if topic.startswith("//") else f"{NODE}{topic}"
         type_name = type_name or self.node.types[topic]
         if data is None:
@@ -271,13 +273,13 @@ class Bench:
         return sequence
 
     def command(self, topic, given=None, *, after_s=1.0, **more):
-        """Publish, and let the server read it; the number of the message."""
+        """Publish, and let the server read it; return the message's sequence number."""
         number = self.publish(topic, given, **more)
         self.poll(after_s)
         return number
 
     def call(self, service, given=None, *, data=None, gid=None):
-        """Call a service and poll once; the request, with its answer."""
+        """Call a service and poll once; return the request, which has its reply."""
         service = service if service.startswith("//") else f"/{NODE}{service}"
         service = service[1:]
         type_name = self.node.types[service]
@@ -290,19 +292,19 @@ class Bench:
         return asked
 
     def heard(self, topic):
-        """All that was published on a topic of the arm."""
+        """All messages published on a topic of the arm."""
         name = topic if topic[0] == "/" and topic in self.node.publishers else f"{NODE}{topic}"
         return self.node.publishers[name].messages
 
     def results(self):
-        """(command, number, outcome, reason) of all results."""
+        """(command, sequence number, outcome, reason) of all results."""
         return [
             (each["command"], each["sequence"], each["outcome"], each["reason"])
             for each in self.heard("/result")
         ]
 
     def finish(self):
-        """Let the arm come to its end, and tell of it."""
+        """Run until all motions have ended and are reported."""
         while self.motions:
             self.world.tick()
             self._tell_ended()
@@ -310,7 +312,7 @@ class Bench:
 
 
 def ros_pose(six):
-    """A geometry_msgs/Pose of six numbers."""
+    """A geometry_msgs/Pose from six numbers."""
     from cardan.spatial import from_rotation_vector
     from cardan.types import Vector3
 

@@ -1,4 +1,4 @@
-"""Node without a bus: tests put messages in, and can read published ones."""
+"""Node without a network: tests put messages in and read published ones."""
 
 from collections import deque
 
@@ -19,7 +19,7 @@ class FakeQueue:
 
 class FakePublisher:
     heard = False
-    """Whether anybody subscribes."""
+    """True if the topic has a subscriber."""
 
     def __init__(self, type_name):
         self.codec = codec_of(type_name)
@@ -30,7 +30,7 @@ class FakePublisher:
 
 
 class FakeRequest:
-    """A request to a service, which keeps its answer."""
+    """A request to a service, which keeps its reply."""
 
     def __init__(self, data, attachment):
         self.data, self.attachment, self.answer = data, attachment, None
@@ -40,7 +40,7 @@ class FakeRequest:
 
 
 class FakeNode:
-    """Stands in for BusNode, as far as servers use it."""
+    """Replaces BusNode as far as servers use it."""
 
     zid = OWN
     full_name = "/server"
@@ -65,7 +65,7 @@ class FakeNode:
 
 
 class FakeUser:
-    """An endpoint of another process, on the bus of a FakeNode until `leave`."""
+    """An endpoint of another process on the network of a FakeNode, until `leave`."""
 
     def __init__(self, node, kind, name, type_name, zid="b0", user="user", appears=True):
         self.node, self.name, self.type_name = node, name, type_name
@@ -103,7 +103,7 @@ class FakeUser:
 
 
 class Stamp:
-    """Zenoh's timestamp of a sample."""
+    """Zenoh timestamp of a sample."""
 
     def __init__(self, zid):
         self.zid = zid

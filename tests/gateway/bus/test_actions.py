@@ -1,4 +1,4 @@
-"""Motions as actions: goals, feedback, results, canceling, preemption."""
+"""Motions as actions: goals, feedback, results, cancellation, preemption."""
 
 import pytest
 
@@ -28,7 +28,7 @@ def send(bench, action, given=None, number=1):
 
 
 def ask(bench, action, number=1):
-    """The request for a result; it has its answer once there is one."""
+    """Request a result; the reply is there once the motion has one."""
     request = {"goal_id": {"uuid": goal_id(number)}}
     return bench.call(f"/action/{action}/_action/get_result", request)
 
@@ -143,9 +143,9 @@ def test_canceling_another_goal_moves_nothing_and_brakes_nothing(bench):
     bench.finish()
     send(bench, "movl", below(bench), number=2)
     bench.world.tick(10)
-    assert cancel(bench, "movl", 1) == (3, 0)  # It has ended.
-    assert cancel(bench, "movl", 9) == (1 + 1, 0)  # There is none.
-    assert cancel(bench, "movj") == (0, 0)  # Another action.
+    assert cancel(bench, "movl", 1) == (3, 0)  # already ended
+    assert cancel(bench, "movl", 9) == (1 + 1, 0)  # unknown goal
+    assert cancel(bench, "movj") == (0, 0)  # another action
     bench.finish()
     assert result(bench, "movl", 2)[0] is GoalStatus.SUCCEEDED
 
@@ -171,7 +171,7 @@ def test_a_goal_that_is_refused_leaves_the_one_before_alone(bench):
 
 
 def test_a_goal_that_is_canceled_before_it_begins_does_not_go_on(bench):
-    # As while another motion comes to rest: the goal is accepted, and the arm not yet its own.
+    # The goal is accepted but has not begun, as while another motion comes to rest.
     begin, offered = [], bench.offer
 
     def late(client, packet, now_s):
@@ -197,7 +197,7 @@ def test_a_goal_that_is_canceled_before_it_begins_does_not_go_on(bench):
 
 
 def waiting(bench, action, part, given, gid=None):
-    """A request to an action that nobody has looked at yet."""
+    """Put a request to an action into its queue, before the server reads it."""
     name = f"/arm/action/{action}/_action/{part}"
     type_name = bench.node.types[name]
     request = completed(f"{type_name}_Request", given)
@@ -228,7 +228,7 @@ def test_a_goal_and_its_cancellation_that_come_together(verb, number, full):
 
 @pytest.mark.parametrize("waits_for_token", [False, True])
 def test_a_goal_whose_sender_is_not_known_yet_and_its_cancellation(bench, waits_for_token):
-    # The token of who sent it comes later, and a motion without end waits for it.
+    # The sender's token arrives later, and a motion without end waits for it.
     goal = {"goal_id": {"uuid": goal_id(1)}}
     given = {"xdot": {"linear": {"z": -0.02}}}
     stranger = b"s" * 16
@@ -294,7 +294,7 @@ def test_a_goal_that_is_canceled_while_it_waits_for_its_turn_is_not_asked_for_an
     assert cancel(bench, "movl", 1) == (0, 1)
     assert not first.wanted()
     assert second.wanted()
-    assert bench.requests == []  # Nothing is braked for a goal that moves nothing.
+    assert bench.requests == []  # A goal that moves nothing causes no braking.
 
 
 def test_an_id_is_taken_once(bench):

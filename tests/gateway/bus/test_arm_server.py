@@ -1,4 +1,5 @@
-"""Commands from topics and services: carried out, or refused with a reason at their sender."""
+"""Commands through topics and services are carried out, or refused with a reason to their
+sender."""
 
 import json
 import math
@@ -42,7 +43,7 @@ def bench():
 
 
 def still(bench):
-    """Nothing moves, and nothing has."""
+    """True if the arm is at rest and has not moved."""
     return bench.world.verbs.at_rest and bench.world.verbs.state is State.NOT_CONTROLLING
 
 
@@ -186,7 +187,7 @@ def test_a_flood_keeps_the_newest_and_is_reported(bench):
         bench.publish("/command/movj", pose, sequence=sequence)
     before = len(bench.requests)
     bench.poll()
-    assert len(bench.requests) - before == 8  # As many as are kept.
+    assert len(bench.requests) - before == 8  # the depth of the queue
     assert bench.server.lost == 992
     reasons = [reason for _, _, _, reason in bench.results() if "displaced" in reason]
     assert reasons == ["movj: numbers 2 to 993 were lost on their way, or displaced by newer ones"]
@@ -227,7 +228,7 @@ def test_a_publisher_that_dies_brakes_the_arm(bench):
     while bench.world.verbs.commanded.moving:
         bench.world.tick()
         ticks += 1
-        assert ticks < 100  # 0.1 s of silence, and the ramp.
+        assert ticks < 100  # 0.1 s of silence, and the ramp
     assert "silent" in bench.world.verbs.status().message
 
 
@@ -245,8 +246,8 @@ def test_a_stop_passes_while_the_worker_has_enough_to_do(bench):
 @pytest.mark.parametrize("other", [False, True])
 @pytest.mark.parametrize("verb", ["movl", "movv", "goal"])
 def test_a_motion_and_a_stop_that_come_together(bench, verb, other, known):
-    # Stops are read first, and goals less often. The clock of another program says nothing of
-    # the order.
+    # Stops are read first, and goals less often. Another program's clock does not determine the
+    # order.
     user = gid_of_token(bench.appear("/left/user"))
     stop = gid_of_token(
         bench.appear("/left/other", number="1") if other else bench.appear("/left/user")
@@ -350,13 +351,13 @@ def test_no_request_to_any_service_waits_for_ever(bench):
     assert still(bench)
 
 
-# -- topics for the needs of an operator -----------------------------------------------------------
+# -- topics for operator interfaces ----------------------------------------------------------------
 
 TWIST_TOPIC = "/command/twist"
 
 
 def streamed(bench, cycles=50, message=DOWN, **more):
-    """Stream twists, as a program that says when it sent each of them."""
+    """Stream twists, each with the time at which it was sent."""
     for _ in range(cycles):
         sent_ns = 10**18 + round(bench.now_s * 1e9)
         bench.command(TWIST_TOPIC, message, **{"source_ns": sent_ns, **more}, after_s=DT_S)
@@ -400,7 +401,7 @@ def test_what_waited_on_its_way_does_not_go_on_with_a_stream(bench):
     bench.world.rest()
     bench.poll(1.0)
     bench.world.tick()
-    # A known publisher sends a message that is a second old.
+    # A known publisher sends messages that are a second old.
     streamed(bench, 20, source_ns=10**18 + round(bench.now_s * 1e9) - 10**9)
     assert still(bench)
 

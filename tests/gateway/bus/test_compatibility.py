@@ -1,4 +1,5 @@
-"""An arm under the names of other programs: MoveIt Servo, CRTK, FZI's controllers, cmd_vel."""
+"""An arm under the topic names of other programs: MoveIt Servo, CRTK, FZI's controllers,
+cmd_vel."""
 
 import math
 import time
@@ -41,7 +42,7 @@ def twist(frame="base_link", stamp_s=0.0, **linear):
 
 
 def stream(bench, topic, message, seconds=0.2, **more):
-    """Publish in every cycle, as long as a message says so."""
+    """Publish a message in every cycle for some time."""
     for _ in range(round(seconds / DT_S)):
         bench.command(topic, message, **more, after_s=DT_S)
         bench.world.tick()
@@ -62,7 +63,7 @@ def untouched(bench):
     return verbs.at_rest and verbs.state is State.NOT_CONTROLLING and not verbs.streams.owner
 
 
-# -- a stream begins by itself, and only then ------------------------------------------------------
+# -- automatic start of a stream -------------------------------------------------------------------
 
 
 def test_the_first_type_that_arrives_is_taken_and_reported(bench):
@@ -111,7 +112,7 @@ def test_zero_lets_it_begin_again_and_begins_nothing(bench):
 
 
 def test_a_stream_with_gaps_brakes_in_them_and_goes_on(bench):
-    # As a held key: its first message, a pause, then many.
+    # As of a held key with auto-repeat: one message, a pause, then many.
     stream(bench, TWIST, twist(z=0.1), DT_S)
     rest(bench, 0.35)
     assert bench.world.verbs.streams.kind is Stream.NONE
@@ -290,7 +291,7 @@ def test_pausing_brakes_and_refuses_until_it_is_resumed(bench):
     assert outcomes(bench)[-1][2] == "paused; call servo_node/pause_servo with false"
     bench.command(
         "/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.02))
-    )  # Others are not paused.
+    )  # other commands are not paused
     bench.finish()
     assert outcomes(bench)[-1][:2] == ("movl", "done")
     asked = len(bench.requests)
@@ -326,7 +327,7 @@ def test_the_status_says_what_limits_the_arm(bench):
 
 
 def test_the_status_of_an_arm_at_its_bound(bench):
-    # Away from the base until it is stretched: a singularity.
+    # The arm stretches away from its base until it reaches a singularity.
     bench.call("//servo_node/pause_servo", {"data": False})
     x, y, *_ = bench.world.six()
     length = math.hypot(x, y)

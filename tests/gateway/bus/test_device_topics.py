@@ -1,4 +1,4 @@
-"""The session's operator device on the bus, as programs made for the stock nodes expect it."""
+"""Topics of the session's operator device, compatible with programs for the standard ROS nodes."""
 
 import time
 
@@ -27,7 +27,8 @@ def state(axes=NEUTRAL, buttons=(), link=DeviceLink.LIVE, stamp_s=0.0):
 
 
 def played(device_of, seconds, buttons=("left", "right"), period_s=0.004, **more):
-    """Return the messages by topic while a session's loop offers `device_of(now_s)`."""
+    """Return the messages by topic after a session's loop has offered `device_of(now_s)` for some
+    time."""
     node = FakeNode()
     topics = DeviceTopics(node, buttons, **more)
     for cycle in range(round(seconds / period_s)):

@@ -1,4 +1,4 @@
-"""A haptic device under the names of YARP's wrapper, on a bus that is none, in virtual time."""
+"""A haptic device under the names of YARP's wrapper, without a network, in virtual time."""
 
 import math
 
@@ -19,11 +19,11 @@ VECTOR, JOINTS = "geometry_msgs/msg/Vector3", "sensor_msgs/msg/JointState"
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 YARP = "yarp_control_msgs/srv/"
 QUARTER = Quaternion(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
-"""x to y."""
+"""A quarter of a turn about z, from x to y."""
 
 
 class Taken:
-    """Recorder of the feedback that was given."""
+    """Records the feedback that it is given."""
 
     why_no_torques = ""
 
@@ -97,7 +97,7 @@ def test_the_state_is_published_in_the_frame_of_the_transformation():
     assert pose["position"] == pytest.approx({"x": 9.99, "y": 20.02, "z": 30.0})
     assert pose["orientation"] == pytest.approx({"x": 0, "y": 0, "z": QUARTER.z, "w": QUARTER.w})
     assert bench.reported("state/buttons")[-1]["data"] == [0, 1]
-    # The rotation alone acts on a force.
+    # A force is only rotated, not shifted.
     force = bench.reported("state/force_feedback")[-1]["force"]
     assert force == pytest.approx({"x": 0.0, "y": 0.5, "z": 0.0})
     transform = bench.reported("state/transform")[-1]

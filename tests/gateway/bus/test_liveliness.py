@@ -1,4 +1,5 @@
-"""The client of a motion is known by liveliness tokens, until the last of them vanishes."""
+"""The server knows the client of a motion by its liveliness tokens, until the last of them
+vanishes."""
 
 from cardan.bus.node import Received, gid_of_token
 from cardan.gateway.bus.liveliness import LivelinessMonitor
@@ -23,8 +24,9 @@ def known(*tokens):
 
 
 def test_a_gid_is_rmw_zenohs_hash_of_the_token():
-    # XXH3_128bits of nothing is 99aa06d3014798d8 6001c324468d497f, high half first (xxHash's own
-    # sanity checks); rmw_zenoh has the low half first, each in the order of its processor.
+    # XXH3_128bits of the empty string is 99aa06d3014798d8 6001c324468d497f, high half first
+    # (xxHash's own sanity checks). rmw_zenoh puts the low half first, each half in the processor's
+    # byte order.
     assert gid_of_token("").hex(" ", 8) == "7f498d4624c30160 d8984701d306aa99"
 
 
@@ -120,5 +122,5 @@ def test_who_gives_another_sessions_gid_is_its_own_session():
     mine = token("1", node="joystick")
     liveliness = known(mine, token("1", zid="c0", node="liar"))
     assert liveliness.identity(sent(gid_of_token(mine), "c0")).node == "/liar"
-    # A router that gives timestamps has no node.
+    # A router that adds timestamps has no node.
     assert liveliness.identity(sent(gid_of_token(mine), "d0")).node == "/joystick"

@@ -1,4 +1,4 @@
-"""A session on the network, and processes that are killed while the arm moves for them."""
+"""A session on the network, and client processes that are killed while they move the arm."""
 
 import signal
 import subprocess
@@ -32,7 +32,7 @@ GONE = "the node that asked is gone"
 
 
 class Served:
-    """A session in a thread, with its messages on the bus."""
+    """A session in a thread, and its messages on the network."""
 
     def __init__(self, endpoint, **network):
         self.endpoint = endpoint
@@ -60,7 +60,7 @@ class Served:
             self.changed.notify_all()
 
     def reported(self, outcome, source=None):
-        """The first result with that outcome, of that source or of any."""
+        """First result with that outcome, from that source or any."""
 
         def found():
             return next(
@@ -173,7 +173,7 @@ def test_the_arm_brakes_when_the_client_of_a_server_is_gone_and_the_server_stays
 
 @contextmanager
 def on_dds():
-    """A session, and the endpoint by which it is asked on DDS."""
+    """A session, and the endpoint of its DDS bridge."""
     pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
     endpoint, domain = free_endpoint(), str(OPTIONS.dds_domain)
     command = f"net server dds --router {endpoint} --dds-domain {domain} --services *"

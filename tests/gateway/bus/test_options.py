@@ -1,4 +1,4 @@
-"""Options of a session on the bus: refused values, and the words of refusals."""
+"""Options of a session on the network: refused values, and the error messages."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Topics that a session publishes for recorders, on a bus without Zenoh."""
+"""Topics that a session publishes for recorders, on a network without Zenoh."""
 
 import json
 

@@ -1,4 +1,5 @@
-"""Behavior particular to an arm on the bus; tests/gateway/arm/test_device.py tests its verbs."""
+"""Behavior particular to an arm on the network; tests/gateway/arm/test_device.py tests its
+verbs."""
 
 import re
 import runpy

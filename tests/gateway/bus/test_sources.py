@@ -1,4 +1,5 @@
-"""Programs that stream at once: one moves the arm, the others are told which one does."""
+"""Programs that stream at the same time: one moves the arm, the others get a reason that names
+it."""
 
 import pytest
 
@@ -18,7 +19,7 @@ TWIST, COMMAND = "//servo_node/delta_twist_cmds", "/command/twist"
 JOG = "//servo_node/delta_joint_cmds"
 SPEED_M_S = 0.1
 FULL_M_S = 0.4
-"""Of MoveIt Servo's commands: the speed that 1 means."""
+"""Speed for the value 1 in MoveIt Servo's commands."""
 
 
 @pytest.fixture
@@ -27,7 +28,7 @@ def bench():
 
 
 class Node:
-    """A program on the bus that streams at 50 Hz; unless it is `new`, it has been there before."""
+    """A program on the network that streams at 50 Hz; a `new` one has only just appeared."""
 
     def __init__(
         self, bench, name, zid, speed_m_s=0.0, appears=True, topic=TWIST, number="0", new=False
@@ -42,7 +43,8 @@ class Node:
             bench.poll(PROVEN_S)
 
     def send(self, waited_s=0.0, stands=False):
-        """A message that was on its way for `waited_s`; `stands`: by a clock that stands still."""
+        """Send a message that was delayed by `waited_s`; `stands`: with the stamp of a stopped
+        clock."""
         self.sent += 1
         share = {"z": self.speed_m_s / FULL_M_S}
         message = {"header": {"frame_id": "base_link"}, "twist": {"linear": share}}
@@ -58,12 +60,12 @@ class Node:
         return self.bench.call(service, given, gid=gid_of_token(token))
 
     def again(self, zid):
-        """It is started again."""
+        """The same program after a restart."""
         return Node(self.bench, self.name, zid, self.speed_m_s)
 
 
 def together(bench, seconds, *nodes):
-    """All of them stream; the way of the TCP along z, m."""
+    """Let all nodes stream; return the distance of the TCP along z, m."""
     before = bench.world.six()[2]
     for cycle in range(round(seconds / DT_S)):
         for number, node in enumerate(nodes):
@@ -132,7 +134,7 @@ def test_another_nodes_services_do_not_take_the_arm_from_a_stream(bench):
     assert "'ros2 /left/joystick' has authority" in answer["message"]
     assert second.call("/release").answer["success"]
     assert owner(bench) == "ros2 /left/joystick"
-    assert second.call("/stop").answer["success"]  # This, anybody may.
+    assert second.call("/stop").answer["success"]  # allowed without authority
     together(bench, 0.5)
     assert not bench.world.verbs.commanded.moving
 
@@ -163,7 +165,7 @@ def test_one_that_is_started_again_under_its_name_goes_on(bench):
     together(bench, 0.5, first, second)
     first.leave()
     moved = together(bench, 0.7, second)
-    assert moved > -0.04  # It brakes.
+    assert moved > -0.04  # the arm brakes
     assert owner(bench) == "ros2 /left/joystick"
     back = first.again("d0")
     assert together(bench, 1.0, back, second) < -0.08
@@ -197,7 +199,7 @@ def test_a_stream_that_was_refused_for_long_does_not_take_over_by_itself(bench):
 def test_a_gap_of_its_own_does_not_end_a_stream_for_good(bench):
     (first,) = two(bench)[:1]
     together(bench, 1.5 * BEGINS_S, first)
-    together(bench, 0.45)  # Longer than streamTimeout, shorter than another stream begins in.
+    together(bench, 0.45)  # longer than streamTimeout, shorter than the wait of another stream
     assert bench.world.verbs.streams.kind is Stream.NONE
     assert together(bench, 1.0, first) < -0.05
 
@@ -213,7 +215,7 @@ def test_two_nodes_of_the_same_name_are_two_sources(bench):
     assert source.startswith("ros2 /joystick#")
     assert (outcome, reason) == ("refused", "twst: 'ros2 /joystick' has authority over the arm")
     first.leave()
-    # It has streamed against the one that is gone: it does not move the arm in its place.
+    # It has streamed against the first node all the time, so it does not get the arm after it.
     assert together(bench, 1.5, second) == pytest.approx(0.0, abs=0.02)
 
 
@@ -221,7 +223,7 @@ def test_nobody_takes_a_stream_by_another_ones_gid(bench):
     first = Node(bench, "/joystick", "b0", -SPEED_M_S)
     liar = Node(bench, "/liar", "c0", SPEED_M_S)
     liar.gid = first.gid
-    liar.sent = 10**9  # Its numbers do not make the other's late either.
+    liar.sent = 10**9  # Its sequence numbers must not make the other's messages late.
     together(bench, 0.2, first)
     assert together(bench, 2.0, liar, first) == pytest.approx(-0.2, abs=0.01)
     assert outcomes(bench)[-1][:2] == ("ros2 /liar", "refused")
@@ -249,7 +251,7 @@ def test_two_publishers_of_one_node_do_not_both_move_the_arm(bench):
 
 
 def test_a_node_may_change_between_its_streams_where_the_one_rests(bench):
-    # As MoveIt's example of a gamepad does, which has a publisher for each type.
+    # Like MoveIt's gamepad example, which has one publisher for each type.
     node = Node(bench, "/joy_to_servo_node", "b0", -SPEED_M_S)
     together(bench, 0.3, node)
     node.speed_m_s = 0.0
@@ -273,7 +275,7 @@ def test_a_command_that_is_given_again_is_the_same_source(bench):
     together(bench, 0.6)
     again = Node(bench, "/_ros2cli_4712", "c0", -SPEED_M_S)
     assert together(bench, 0.5, again) < -0.03
-    # Both at once are two.
+    # At the same time, these are two sources.
     other = Node(bench, "/_ros2cli_4713", "d0", SPEED_M_S)
     assert together(bench, 1.0, again, other) == pytest.approx(-0.1, abs=0.01)
 
@@ -312,7 +314,7 @@ def test_the_name_that_a_program_chooses_is_its_own_while_it_is_there(bench):
 
 
 def late(bench, name, zid, speed_m_s):
-    """A node, and its token, which has not come."""
+    """A node, and its liveliness token, which has not arrived."""
     node = Node(bench, name, zid, speed_m_s, new=True)
     token, _ = bench.node.tokens.waiting.pop()
     return node, token
@@ -328,7 +330,7 @@ def test_a_node_whose_token_comes_after_its_first_message_is_named_first(bench):
     assert {source for source, *_ in outcomes(bench)} == {"ros2 /joystick"}
     node.leave()
     together(bench, 0.2)
-    # Its restart goes on within the lease.
+    # A restarted node continues within the lease.
     assert together(bench, 1.0, node.again("d0")) < -0.08
     assert owner(bench) == "ros2 /joystick"
 
@@ -432,7 +434,7 @@ def test_what_its_sender_may_have_kept_until_it_was_connected_moves_nothing(
     reported = outcomes(bench)
     assert [outcome for _, outcome, _ in reported] == ["refused"] * len(reported) != []
     assert "may have waited until it was" in reported[0][2]
-    # Live commands then move it.
+    # Commands without delay then move the arm.
     assert sum(send(-0.25) or go_on(0.02) for _ in range(25)) < -0.02
 
 
@@ -461,7 +463,7 @@ def test_a_new_connection_is_reported_who_has_the_arm(bench):
 
 
 def test_what_its_publisher_sent_long_ago_moves_nothing_and_what_comes_after_it_does(bench):
-    """A bridge, a server or a network stood still between; the message has no stamp."""
+    """A bridge, server or network was paused in between; the message has no stamp."""
     node = Node(bench, "/joystick", "b0", -SPEED_M_S)
     together(bench, 0.5, node)
     together(bench, 1.0)
@@ -479,7 +481,7 @@ def test_what_its_publisher_sent_long_ago_moves_nothing_and_what_comes_after_it_
 
 
 def test_a_publisher_whose_clock_stands_still_is_heard(bench):
-    """As those of small computers that tell no time."""
+    """Some small computers have no clock."""
     node = Node(bench, "/joystick", "b0", -SPEED_M_S)
     for _ in range(100):
         node.send(stands=True)

@@ -1,4 +1,4 @@
-"""FollowJointTrajectory as MoveIt sends it."""
+"""FollowJointTrajectory goals as MoveIt sends them."""
 
 import time
 
@@ -29,7 +29,7 @@ def duration(seconds):
 
 
 def goal(bench, *steps, duration_s=2.0, names=None, order=None, **more):
-    """A goal from where the arm is over points that are `steps` away."""
+    """A goal from the arm's joints over points that are offset by `steps`."""
     q = bench.world.q
     names = list(bench.world.model.joint_names) if names is None else names
     order = range(len(q)) if order is None else order

@@ -18,7 +18,8 @@ CYCLE_S = 0.004
 
 
 class Bench:
-    """A server, and the requests that it passes on: decoded at once, streams accepted."""
+    """A server, and the requests that it passes on: requests are decoded at once, streams
+    accepted."""
 
     def __init__(self, **options):
         self.node, self.requests, self.refusals, self.now_s = FakeNode(), [], [], 100.0
@@ -67,7 +68,7 @@ def test_a_motion_without_end_lasts_as_long_as_its_publisher():
 def test_the_token_of_a_new_publisher_counts_before_its_message():
     bench = Bench()
     bench.cycle()
-    movv(bench.user("~/command/movv"))  # Both arrive in one cycle.
+    movv(bench.user("~/command/movv"))  # token and message arrive in one cycle
     bench.cycle()
     assert bench.requests[0].there()
 
@@ -90,7 +91,7 @@ def test_a_motion_without_end_of_somebody_unknown_is_refused(stamp):
     stranger = bench.user("~/command/movv", zid="d0")
     movv(stranger, attached=False, stamp=stamp)
     bench.cycle()
-    assert stamp is None or bench.reported == []  # A token may still be on its way.
+    assert stamp is None or bench.reported == []  # A token may still arrive.
     bench.cycle(NAMED_WITHIN_S)
     assert bench.requests == []
     ((outcome, reason),) = bench.reported
@@ -150,7 +151,7 @@ def test_a_motion_asked_of_a_service_lasts_as_long_as_the_clients_node():
     (request,) = bench.requests
     client.leave()
     bench.cycle()
-    assert request.there()  # The node has another endpoint.
+    assert request.there()  # the node has another endpoint
     other.leave()
     bench.cycle()
     assert not request.there()

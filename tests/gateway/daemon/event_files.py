@@ -1,4 +1,4 @@
-"""The files that events are kept in, read back."""
+"""Reads the files of the event log."""
 
 import contextlib
 import json
@@ -7,7 +7,7 @@ from cardan.gateway.daemon.events import MAX_FILES
 
 
 def read_events(path):
-    """The events of a log and its older files, the oldest first; broken lines are left out."""
+    """Events of a log and its older files, oldest first, without damaged lines."""
     files = [path.with_name(f"{path.name}.{number}") for number in range(MAX_FILES, 0, -1)]
     for file in filter(type(path).exists, (*files, path)):
         for line in file.read_text("utf-8", "replace").splitlines():

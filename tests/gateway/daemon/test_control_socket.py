@@ -1,4 +1,4 @@
-"""Access control of the daemon's socket, and its robustness against clients with access."""
+"""Access control of the daemon's socket, and robustness against authorized clients."""
 
 import contextlib
 import errno
@@ -65,7 +65,7 @@ def path(tmp_path):
 
 def opened(path):
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.connect(path)  # Without a timeout it waits for its place in the queue.
+    connection.connect(path)  # A socket without a timeout waits for its place in the queue.
     connection.settimeout(WAIT_S)
     return connection
 
@@ -268,7 +268,7 @@ def test_a_shortage_of_files_costs_no_processor(tmp_path, monkeypatch):
     listener, short = server._socket.sock, [True]
 
     class Listener:
-        """The socket, where accept() finds no file."""
+        """A socket whose accept() runs out of file descriptors."""
 
         accepted = 0
 

@@ -1,4 +1,4 @@
-"""A device that several sessions share; in virtual time, with sessions that do as they are told."""
+"""A device that several sessions share, in virtual time, with sessions that obey."""
 
 import pytest
 
@@ -9,7 +9,8 @@ from tests.snapshots import changed
 
 
 class Arm:
-    """A session: opens and closes the device a poll after it is told to, and brakes for three."""
+    """A session that opens or closes the device one poll after the order, and brakes for three
+    polls."""
 
     def __init__(self, held):
         self.wanted = self.running = True
@@ -51,14 +52,14 @@ class Bench:
                 self.arms[name].reported = order
             for arm in self.arms.values():
                 arm.turn()
-            # Never in two hands, and never in another's before the arm rests.
+            # At most one session has the device open, and only while no other arm moves.
             holding = [arm for arm in self.arms.values() if arm.held and arm.running]
             assert len(holding) <= 1
             moving = [arm for arm in self.arms.values() if arm.phase != "disarmed" and arm.running]
             assert all(arm in moving for arm in holding) or not moving
 
     def ends_with(self, name):
-        """Whether the session has the device in the end."""
+        """True if the session has the device in the end."""
         self.run()
         return self.holder == name
 

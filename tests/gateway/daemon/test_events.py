@@ -1,4 +1,4 @@
-"""Events by a session's snapshots, and the file that keeps them."""
+"""Events derived from a session's snapshots, and the file that stores them."""
 
 import errno
 import json
@@ -120,7 +120,7 @@ def _times(log):
 
 @pytest.fixture
 def file_size():
-    """Sets the size that no file may have more of, as on a disk that is full there."""
+    """Sets the greatest size of any file, which acts like a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     resource.setrlimit(resource.RLIMIT_FSIZE, before)

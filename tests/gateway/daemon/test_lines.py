@@ -1,4 +1,4 @@
-"""Output lines of a process, as the daemon takes them."""
+"""Output lines of a process, as the daemon reads them."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The daemon's log: levels of its processes are kept, and nothing secret is in it."""
+"""The daemon's log keeps the levels of its processes' lines, and contains no secrets."""
 
 import http.client
 import json

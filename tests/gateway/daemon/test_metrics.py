@@ -1,4 +1,4 @@
-"""Figures for Prometheus, read by its own parsers, and by its linter where that is installed."""
+"""Metrics for Prometheus, read by its own parsers, and by its linter if that is installed."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def test_its_linter_finds_nothing(server):
 
 
 def test_names_are_as_the_linter_wants_them(server):
-    """The rules of ``promtool check metrics``: help, base units, suffixes."""
+    """Rules of ``promtool check metrics``: help, base units, suffixes."""
     for family in text_string_to_metric_families(get(server)[0]):
         assert family.documentation, family.name
         assert family.name.startswith("cardan_"), family.name

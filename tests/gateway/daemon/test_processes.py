@@ -1,4 +1,4 @@
-"""A session's process, as the daemon watches it; nothing is started."""
+"""Supervision of a session's process by the daemon; no process is started."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.waiting import WITHIN_S
 
 
 class Starting:
-    """The process of a session that tells of itself once it is let."""
+    """A session's process that reports and ends when the test allows it."""
 
     def __init__(self, *_configuration, **_options):
         self.may_tell, self.may_end = threading.Event(), threading.Event()

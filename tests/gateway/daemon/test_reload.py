@@ -1,4 +1,4 @@
-"""A reload by the daemon, with sessions that are as they are told to be."""
+"""A reload by the daemon, with simulated sessions."""
 
 import errno
 import time
@@ -29,7 +29,7 @@ linear_speed_m_s = {speed}
 
 
 class Response(RunningSession):
-    """A session that runs, without a process."""
+    """A running session without a process."""
 
     def __init__(self, config, say, over, answered, has_device=True):
         self.config, self.over, self.has_device = config, over, has_device
@@ -72,12 +72,12 @@ class Lab:
         return self.service(name).process
 
     def changes(self, **speeds):
-        """Write the file and reload it; its outcome."""
+        """Write the file and reload it; return the outcome."""
         self.write(**speeds)
         return self.reload()
 
     def reload(self, check_only=False):
-        """Its outcome; None where it is under way still."""
+        """Reload; return the outcome, or None if the reload is still in progress."""
         self.reported = []
         self.daemon.reload(self.reported.append, check_only)
         self.turn(wait_s=30.0)
@@ -92,7 +92,7 @@ class Lab:
             pass
 
     def rest(self, name, phase="disarmed"):
-        """Nobody has the arm of a session, which the daemon sees."""
+        """Show the daemon that no source has authority over a session's arm."""
         self.session(name).snapshot = Snapshot.of({"arm": {"phase": phase}})
         self.look()
 
@@ -100,13 +100,13 @@ class Lab:
         self.daemon._look_after(time.monotonic())
 
     def end(self, name, how=Ended.AS_ASKED, reason=""):
-        """The process of a session ends, and begins anew where it is to."""
+        """End the process of a session, which the daemon restarts if necessary."""
         self.session(name).over(how, reason)
         self.turn()
         self.look()
 
     def speed(self, name):
-        """Return the speed limit that its process runs with, m/s."""
+        """Return the speed limit of the running process, m/s."""
         return self.session(name).config.limits.linear_speed_m_s
 
     def row(self, name):

@@ -1,4 +1,4 @@
-"""Answers of the daemon, without a process: nothing here is started."""
+"""Replies of the daemon; no process is started."""
 
 import pytest
 
@@ -32,7 +32,7 @@ model = "ur5"
 
 
 class Asker:
-    """A connection that keeps messages to it."""
+    """A connection that collects its messages."""
 
     def __init__(self):
         self.reported, self.gone = [], []

@@ -1,5 +1,4 @@
-"""Requests on their way through the daemon, also when a client or session is gone; without
-processes."""
+"""Requests in transit through the daemon, also when a client or session ends; without processes."""
 
 import contextlib
 import itertools
@@ -35,7 +34,7 @@ model = "ur5"
 
 
 class Session(RunningSession):
-    """A session's process, by hand."""
+    """A session's process that the test controls."""
 
     def __init__(self):
         self.snapshot = Snapshot.of({"arm": {"phase": "disarmed"}})
@@ -49,7 +48,7 @@ class Session(RunningSession):
 
 
 class Bench:
-    """A daemon with a session, and a program that is connected to it."""
+    """A daemon with a session, and a connected client."""
 
     def __init__(self, folder):
         file = folder / "lab.toml"
@@ -71,17 +70,17 @@ class Bench:
         self.daemon._handle(Ask(number, "ask", "one", request), self.connection)
 
     def answers(self, **result):
-        """The session answers the newest request."""
+        """Let the session reply to the newest request."""
         table = {"reply": self.session.sent[-1]["id"], "result": result}
         self.service.answered(json.dumps(table).encode())
 
     def begins(self, verb):
-        """The session begins the motion that was asked for last."""
+        """Let the session begin the requested motion."""
         note = {"id": 3, "verb": verb, "source": "a", "ends": verb != "movv", "reason": ""}
         self.answers(**note, note="", duration_s=0.0, outcome="running")
 
     def leaves(self):
-        """The program is gone, as the server finds it."""
+        """Disconnect the client, as the server detects it."""
         self.connection.open = False
         for call in self.connection.gone:
             call()
@@ -184,7 +183,7 @@ def test_the_session_is_reported_since_when_a_request_can_have_waited(bench):
 
 
 class Flood:
-    """A socket that always has as much as is read at once; and the clock of its server."""
+    """A socket with more data at every read; also the server's clock."""
 
     def __init__(self):
         self.now_s = 100.0
@@ -205,7 +204,7 @@ class Flood:
 
 @pytest.fixture
 def flooded(tmp_path, monkeypatch):
-    """A server, the connection of one that floods it, and its socket."""
+    """A server, the connection of a client that floods it, and its socket."""
     flood = Flood()
     monkeypatch.setattr(serving, "time", flood)
     with contextlib.closing(ControlServer(str(tmp_path / "sock"), "", lambda *_: None)) as server:
@@ -213,7 +212,7 @@ def flooded(tmp_path, monkeypatch):
 
 
 def floods(flooded, seconds):
-    """Read again and again, as long as it is connected; for how long that was."""
+    """Read repeatedly while connected; return the time for which that was."""
     server, connection, flood = flooded
     began_s = flood.now_s
     while connection.open and flood.now_s < began_s + seconds:
@@ -236,7 +235,7 @@ def test_a_backlog_that_was_worked_off_is_forgotten(flooded):
     for _ in range(2):
         floods(flooded, STALE_S + 0.9 * BACKLOGGED_S)
         assert connection.open
-        # Less than is read at once.
+        # a read that did not fill its buffer
         connection.empty_s = flood.now_s
         floods(flooded, 0.02)
     assert not flood.reported
@@ -264,7 +263,8 @@ def test_it_is_known_since_when_a_request_can_have_waited(tmp_path):
 
 
 def test_what_a_session_did_last_is_reported_though_its_process_has_ended(bench, monkeypatch):
-    """And that it has ended, by a daemon that comes to look only when the next one is due."""
+    """The end of the process is reported too, although the daemon looks again only when the next
+    process is due."""
     bench.daemon._find_events()
     bench.session.snapshot = Snapshot.of({"arm": {"phase": "moving", "authority": "a"}})
     _ended(bench.service, Ended.DIED, "killed")
@@ -287,7 +287,7 @@ def test_what_a_session_did_last_is_reported_though_its_process_has_ended(bench,
 def test_nothing_counts_as_empty_that_was_looked_at_before_the_daemon_stood_still(
     flooded, monkeypatch
 ):
-    """epoll then reports that the time is up, and nothing is there."""
+    """epoll then reports a timeout, without any readable socket."""
     server, connection, flood = flooded
     connection.asked, connection.sock = deque(), flood
     monkeypatch.setattr(server, "_connections", {7: connection})

@@ -1,4 +1,4 @@
-"""Requests that may be read, and that no daemon may end by."""
+"""Requests that are well-formed and harmful: the daemon must survive them."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""When a process is started, and how often again; in virtual time."""
+"""Times and number of a process's restarts, in virtual time."""
 
 import pytest
 
@@ -15,7 +15,7 @@ LIMIT = 8
 
 
 class Bench:
-    """A unit whose processes last as long as the test says."""
+    """A unit whose processes end when the test decides."""
 
     def __init__(self):
         self.now_s = 1000.0
@@ -26,7 +26,7 @@ class Bench:
         return self
 
     def begin(self):
-        """Wait until a process is due, and start it; how long that took."""
+        """Wait until a process is due, and start it; return the wait."""
         pause_s = max(0.0, self.unit.due_s - self.now_s)
         assert pause_s == 0.0 or not self.unit.due(self.now_s)
         self.now_s += pause_s

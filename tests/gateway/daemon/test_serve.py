@@ -1,4 +1,4 @@
-"""``cardan daemon run`` with real sessions and servers, and the commands that ask it."""
+"""``cardan daemon run`` with real sessions and servers, and the client commands."""
 
 import contextlib
 import json
@@ -24,7 +24,7 @@ from tests.serving import free_endpoint
 from tests.test_cli import ENVIRONMENT
 from tests.waiting import STOOD_STILL, WITHIN_S, done_again, until
 
-pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
+pytestmark = pytest.mark.matrix  # Whole programs: all time limits are generous.
 
 ARM = """
 [[sessions]]
@@ -38,7 +38,7 @@ HERE = [0.4, 0.1, 0.4, 3.14, 0.0, 0.0]
 
 
 class Lab:
-    """A daemon in a folder of its own."""
+    """A daemon in a temporary folder."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -66,7 +66,7 @@ class Lab:
         return self.ask("units", name)[0]
 
     def until(self, name, **values):
-        """Wait until the row of `name` has these; gives the row."""
+        """Wait until the row of `name` has these values; return the row."""
 
         def found():
             row = self.row(name)
@@ -84,7 +84,7 @@ class Lab:
 
 
 def gone(lab, arm, pose):
-    """Go there; why not, or ""."""
+    """Move to a pose; return the reason if the motion failed, or ""."""
     until(lambda: lab.row("one")["phase"] in ("disarmed", "holding"), "the arm's rest")
     motion = arm.movj(pose)
     arm.wait()
@@ -93,7 +93,7 @@ def gone(lab, arm, pose):
 
 @pytest.fixture
 def lab():
-    # tmp_path may be longer than a socket's path can be.
+    # tmp_path may be too long for a socket's path.
     with tempfile.TemporaryDirectory(prefix="cardan-test-") as folder:
         lab = Lab(Path(folder))
         yield lab
@@ -134,7 +134,7 @@ def test_a_session_that_is_killed_comes_back_disarmed(one):
         def moves():
             if one.row("one")["phase"] == "moving":
                 return True
-            # A session that stood still ends the motion, or takes none.
+            # After a pause of the computer a session ends the motion, or refuses one.
             with contextlib.suppress(MotionLoopError, MotionRefusedError):
                 arm.movv([0.0, 0.0, 0.001, 0.0, 0.0, 0.0])
             return False
@@ -300,7 +300,7 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
         }
 
         def without_waits(lines):
-            # A computer that is busy enough has stopped the arm by now.
+            # On a busy computer the arm may have been stopped by now.
             return {line.removesuffix(" (waits until no source has authority)") for line in lines}
 
         assert without_waits(one.cardan("daemon", "reload", "--check").splitlines()) == said
@@ -308,7 +308,7 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
         assert without_waits(one.cardan("daemon", "reload").splitlines()) == said
         assert one.row("one")["pid"] == pid
         arm.stop()
-        # The lease of its last source ends.
+        # after the lease of the arm's last source
         until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
         one.until("one", authority="", phase="disarmed", changes_wait=[])
         assert one.cardan("daemon", "reload") == "nothing has changed\n"

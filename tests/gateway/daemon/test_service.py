@@ -1,4 +1,4 @@
-"""The daemon's unit of systemd."""
+"""The daemon's systemd unit."""
 
 import grp
 import os

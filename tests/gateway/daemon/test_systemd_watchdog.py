@@ -67,7 +67,7 @@ def test_a_watchdog_of_somebody_else_is_not_fed(manager, more):
 
 def test_an_abstract_socket():
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind("")  # Linux gives it an abstract name.
+        manager.bind("")  # Linux chooses an abstract name.
         manager.setblocking(False)
         name = "@" + manager.getsockname()[1:].decode()
         Notifier({"NOTIFY_SOCKET": name}).ready()

@@ -1,4 +1,4 @@
-"""Two mice drive two arms under ``cardan daemon run``, as examples/two-arms has them."""
+"""Two mice drive two arms under ``cardan daemon run``, as in examples/two-arms."""
 
 import contextlib
 import tempfile
@@ -14,7 +14,7 @@ from tests.programs import Program
 from tests.serving import free_endpoint
 from tests.waiting import until
 
-# Whole programs, which begin one after the other; all bounds are generous.
+# Whole programs that start in sequence: all time limits are generous.
 pytestmark = pytest.mark.matrix
 
 EXAMPLE = Path(__file__).parents[3] / "examples/two-arms"
@@ -27,7 +27,7 @@ MOTION_PERIOD_S = 0.008
 
 
 class AskedMotion:
-    """Does what the test asks for, one thing each period, in its device's thread."""
+    """Carries out the test's actions, one each period, in its device's thread."""
 
     def __init__(self):
         self.next_due_s = 0.0
@@ -55,7 +55,7 @@ class Mouse(SpaceMousePeer):
         self.motion.asked.append(words)
 
     def touch(self):
-        """Touch the cap for some reports and let go: it is seen at rest."""
+        """Send some reports with the cap deflected, then at rest: the driver detects rest."""
         until(lambda: self.opened, "the device's opening")
         for axes in (*[UP] * 5, NEUTRAL):
             self.do("set_axes", axes)
@@ -66,7 +66,7 @@ class Mouse(SpaceMousePeer):
 
 
 class TwoArms(Lab):
-    """The daemon with some files, and the mice at their paths."""
+    """The daemon with these files, and the mice at their paths."""
 
     def __init__(self, folder, stack):
         super().__init__(folder)
@@ -92,7 +92,7 @@ class TwoArms(Lab):
         return until(look, f"{name}: {what}")
 
     def until_moved(self, name):
-        """Wait until the arm has gone a way from now on."""
+        """Wait until the arm has moved a certain distance from now on."""
         begin_m = self.snapshot(name)["tracking"]["path_m"]
         return self.until_snapshot(
             name,
@@ -101,7 +101,7 @@ class TwoArms(Lab):
         )
 
     def arm(self, name, mouse):
-        """Re-arm, from wherever the device is."""
+        """Re-arm, from any state of the device."""
         mouse.do("release", "left")
         mouse.touch()
         self.until_snapshot(name, lambda s: s["device"]["link"] == "live", "its mouse at rest")
@@ -112,7 +112,7 @@ class TwoArms(Lab):
 
 @pytest.fixture
 def lab():
-    # tmp_path may be longer than a socket's path can be.
+    # tmp_path may be too long for a socket's path.
     with (
         tempfile.TemporaryDirectory(prefix="cardan-test-") as folder,
         contextlib.ExitStack() as stack,
@@ -138,7 +138,7 @@ def test_two_mice_drive_two_arms_and_unplugging_one_stops_one(lab):
     right.do("set_axes", UP)
     lab.until_moved("right")
     lab.until_moved("left")
-    # Both are seen in the frame at the waist: one arm is to the left of it, the other to the right.
+    # In the waist's frame one arm is on the left, the other on the right.
     assert lab.snapshot("left")["robot"]["pose"][1] > 0.3
     assert lab.snapshot("right")["robot"]["pose"][1] < -0.3
 
@@ -152,7 +152,8 @@ def test_two_mice_drive_two_arms_and_unplugging_one_stops_one(lab):
     assert lab.snapshot("left")["tracking"]["path_m"] == stopped["tracking"]["path_m"]
     assert lab.snapshot("right")["arm"]["trips"] == 0
 
-    # It comes back with the cap held and the button down, and then at rest: neither arms.
+    # The mouse reconnects with its cap deflected and button pressed, then comes to rest: neither
+    # may arm.
     left.do("replug")
     lab.until_snapshot("left", lambda s: s["device"]["link"] == "needs neutral", "its return")
     lab.until_moved("right")
@@ -178,7 +179,7 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
         text.replace(network, f'{network}router = "{endpoint}"\n')
     )
     lab.start(lab.folder / "arms.toml", EXAMPLE / "simulated-mice.toml")
-    # A received state removes the words about the neighbor.
+    # The first state from the neighbor removes the message about it.
     lab.until_snapshot(
         "left",
         lambda s: s["arm"]["message"] and "neighbor" not in s["arm"]["message"],
@@ -195,7 +196,7 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
     )
     at = lab.snapshot("left")["robot"]["joints_rad"]
     lab.ask("start", "right")
-    # The message still names the cause of the stop then, as past.
+    # After that, the message may still name the cause of the past stop.
     lab.until_snapshot(
         "left", lambda s: not s["arm"]["message"].startswith("where the neighbor"), "the return"
     )

@@ -1,4 +1,4 @@
-"""The table of `cardan daemon ps` and `cardan daemon top`."""
+"""Table of `cardan daemon ps` and `cardan daemon top`."""
 
 import io
 

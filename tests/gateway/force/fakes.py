@@ -1,4 +1,4 @@
-"""A haptic device that remembers its commands, and a robot that has its states from a test."""
+"""A haptic device that records its commands, and a robot whose states the test sets."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FakeHapticOptions:
 
 
 class FakeHaptic(HapticDevice):
-    """Its state is set by the test in `pose`, `buttons` and `now_s`."""
+    """A haptic device whose state the test sets in `pose`, `buttons` and `now_s`."""
 
     Options = FakeHapticOptions
     capabilities = DeviceCapabilities(True, ("button_1", "button_2"), frozenset(), False)
@@ -51,7 +51,7 @@ class FakeHaptic(HapticDevice):
         self.calls = []
         self.obstacle = ""
         self.lets_out = True
-        """Whether an engaged command is rendered while it is enabled."""
+        """True if the enabled device renders engaged commands."""
 
     def open(self):
         self.calls.append("open")
@@ -102,7 +102,7 @@ class FakeHaptic(HapticDevice):
 
 
 class FakeSensor(OperatorDevice):
-    """A force-torque sensor whose reading is set by the test in `sensed`."""
+    """A force-torque sensor whose reading the test sets in `sensed`."""
 
     Options = FakeHapticOptions
     capabilities = DeviceCapabilities(False, (), frozenset(), False)

@@ -1,4 +1,4 @@
-"""A hand, a network and a stiff wall in virtual time: how a force from far away is felt."""
+"""A hand, a network and a stiff wall in virtual time: the rendered force of a remote contact."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from cardan.types import Vector3
 
 STEP_S = 0.0005
 CYCLE_S = 0.004
-"""Of both ends."""
+"""Cycle of both ends."""
 WALL_N_M = 400.0
-"""The wall of the haptics study that a plain loop does not bear."""
+"""Stiffness of the wall in the haptics study, with which a plain loop is unstable."""
 MOST_N = 3.3
 
 
 class Way:
-    """Direction of a link: late, uneven, lossy, out of order, and at times silent."""
+    """One direction of a link: late, uneven, lossy, out of order, and at times silent."""
 
     def __init__(self, delay_s, jitter_s, loss, stalls, chosen):
         self._delay_s, self._jitter_s, self._loss = delay_s, jitter_s, loss
@@ -41,7 +41,7 @@ class Way:
 
 
 class Hand(NamedTuple):
-    """Hand that holds the stylus, by a spring to the place where it wants to be."""
+    """A hand that holds the stylus and pulls it by a spring to its desired place."""
 
     mass_kg: float = 0.1
     damping_n_s_m: float = 1.0
@@ -49,14 +49,14 @@ class Hand(NamedTuple):
 
 
 class WallContact(NamedTuple):
-    """A row each step; along the wall's normal, the wall is below 0."""
+    """State at one step, along the wall's normal; the wall is below 0."""
 
     now_s: float
     place_m: float
     speed_m_s: float
     force_n: float
     given_j: float
-    """Net, to the hand."""
+    """Net energy given to the hand."""
 
 
 def press(
@@ -73,9 +73,9 @@ def press(
     wall_n_m=WALL_N_M,
     seed=1,
 ):
-    """The hand wants to be at `wanted(now_s)`. Each way has `delay_s` and the rest; from `cut_s` on
-    nothing arrives. Not `passive`: the newest force is rendered as it arrives, for as long as it
-    comes."""
+    """Simulate a hand whose desired place is `wanted(now_s)`; return the states. Each direction of
+    the link has `delay_s` and the other faults; from `cut_s` on no packet arrives. Without
+    `passive`, each force is rendered until the next one arrives."""
     chosen = random.Random(seed)
     there, back = (Way(delay_s, jitter_s, loss, stalls, chosen) for _ in range(2))
     far, port = FarPort(), DevicePort()
@@ -118,5 +118,5 @@ def press(
 
 
 def into_the_wall(now_s):
-    """From 5 mm above to 15 mm below within 0.5 s, then at rest."""
+    """Move from 5 mm above the wall to 15 mm below its surface within 0.5 s, then rest."""
     return 0.005 - 0.02 * min(1.0, max(0.0, (now_s - 0.3) / 0.5))

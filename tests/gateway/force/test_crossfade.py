@@ -1,4 +1,4 @@
-"""The map that is rendered makes no jumps under a hand."""
+"""The rendered map makes no jumps while the hand holds the device."""
 
 import itertools
 import math
@@ -51,7 +51,7 @@ def test_a_stall_makes_no_jump_of_the_glide():
 
 
 def test_what_the_hand_does_itself_is_no_jump():
-    """A slip and an edge of the workspace move the map by no more than the hand moves."""
+    """A slip and an edge of the workspace move the map no more than the hand moves."""
     glide = MapCrossfade()
     glide.follow(shifted(0.5), HERE, 1.0)
     slipped = shifted(0.499)
@@ -76,7 +76,8 @@ WORKSPACE = ReferenceLimits(
 @settings(max_examples=examples(60))
 @given(plans, rpys, st.floats(0.3, 3.0))
 def test_nothing_makes_the_rendered_place_jump(plan, rpy, factor):
-    """Recaptures, slips and edges: it moves by what the hand moves, twice at most, and glides."""
+    """With recaptures, slips and edges, the rendered place moves at most twice as far as the hand,
+    plus the crossfade."""
     bench = DevicePoseBench(
         limits=WORKSPACE,
         device_rpy_deg=rpy,
@@ -125,7 +126,7 @@ def test_after_a_recapture_the_glide_ends_at_the_true_map():
         if k == 30:
             jump = subtract(rendered.offset, bench.core.device_map().offset)
             assert norm(jump) > 0.02
-    # what the hand moved on since, the TCP has slipped
+    # distance of the hand since, by which the TCP has slipped
     assert bench.core.following
     while glide.left != ZERO3:
         bench.run()

@@ -1,4 +1,4 @@
-"""Fixtures as they are configured, placed and evaluated."""
+"""Fixtures: configuration, placement and evaluation."""
 
 import math
 
@@ -100,7 +100,7 @@ def test_every_shape_is_made_with_units_and_axes_of_the_world():
 def test_a_box_pushes_out_through_its_nearest_side_and_a_hollow_one_holds_each_axis():
     turn = matrix_of(from_euler_zyx(0.0, 0.0, math.pi / 2))
     solid = Box(ZERO3, Vector3(0.1, 0.2, 0.3), 100.0, 9.0, rotation=turn)
-    # the box's x side looks along the world's y
+    # the box's x face points along the world's y
     assert fixture_force(solid, Vector3(0.0, 0.09, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
     hollow = solid._replace(inside=True)
     assert fixture_force(hollow, Vector3(-0.22, 0.11, 0.0)) == pytest.approx((2.0, -1.0, 0.0))

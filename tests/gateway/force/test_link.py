@@ -1,4 +1,4 @@
-"""The packets between a session and a force node, and the right to command the force."""
+"""Packets between a session and a force node, and authority over the force."""
 
 import math
 import re
@@ -94,7 +94,7 @@ def test_forces_go_there_and_back(sequence, stamp_s, force):
 @given(st.binary(max_size=400))
 def test_garbage_is_no_message(data):
     assert decode(data) is None
-    decode(b"CDNF\x01" + data)  # whatever it is, it does not raise
+    decode(b"CDNF\x01" + data)  # no bytes raise another error
 
 
 @given(states, st.data())
@@ -131,7 +131,7 @@ def test_one_node_owns_the_force():
     assert not lease.take(2, force(1, 0.5), 0.5)
     assert lease.take(1, force(1, 0.5), 0.5)
     assert lease.refused == 1
-    # it may be replaced once it was silent for long, and its force does not outlive it
+    # After a long silence the node may be replaced, and its force has ended.
     assert "another" in lease.ask(3, 0.5 + 0.9 * LEASE_S)
     assert lease.ask(4, 0.5 + LEASE_S) == ""
     assert lease.newest is None
@@ -153,11 +153,11 @@ def test_stale_forces_and_those_out_of_order_are_dropped():
     lease = Lease(0.1)
     lease.ask(1, 0.0)
     assert lease.take(1, force(5, 1.0), 1.0)
-    assert not lease.take(1, force(5, 1.01), 1.01)  # repeated
-    assert not lease.take(1, force(4, 1.02), 1.02)  # overtaken
-    assert not lease.take(1, force(6, 0.99), 1.02)  # made of an older state
+    assert not lease.take(1, force(5, 1.01), 1.01)  # duplicate
+    assert not lease.take(1, force(4, 1.02), 1.02)  # out of order
+    assert not lease.take(1, force(6, 0.99), 1.02)  # computed from an older state
     assert not lease.take(1, force(7, 1.0), 1.2)  # late
-    assert not lease.take(1, force(8, 2.0), 1.2)  # of another clock
+    assert not lease.take(1, force(8, 2.0), 1.2)  # from another clock
     assert lease.newest == force(5, 1.0)
     assert lease.dropped == 5
     assert lease.take(1, force(9, 1.2), 1.2)

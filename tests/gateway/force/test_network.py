@@ -1,4 +1,4 @@
-"""Forces that a program on the network publishes, in virtual time."""
+"""Forces published by a program on the network, in virtual time."""
 
 import math
 
@@ -19,7 +19,7 @@ from tests.gateway.force.test_rendering import SHIFTED, SPHERE, Bench
 
 FORCE = Vector3(1.0, 0.0, 0.5)
 TURNED = WorldMap(rotation=(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))
-"""Hand x to the base's y."""
+"""Turns the device's x into the base's y."""
 
 
 def test_one_publisher_at_a_time_gives_the_feedback():
@@ -73,14 +73,14 @@ def test_a_force_is_read_along_the_axes_of_the_base():
     assert reading.force == pytest.approx((0.0, 1.0, 0.5))
     assert (reading.stamp_s, reading.frame) == (1.0, Frame.BASE)
     assert source.diagnosis() == ()
-    source.publish(state, None, None, 1.0)  # Clutched out there is no hand to turn it from.
+    source.publish(state, None, None, 1.0)  # While clutched out, no device pose defines a rotation.
     assert source.read(state, None).force == (0.0, 0.0, 0.0)
     source.feedback.stop()
     assert source.read(robot_state(2.0), None) == (2.0, (0.0, 0.0, 0.0), Frame.BASE)
 
 
 class Session(Bench):
-    """A session's renderer, with a program that publishes 100 times a second."""
+    """A session's renderer, with a program that publishes at 100 Hz."""
 
     def __init__(self, **options):
         self.source = NetworkSource(0.1)

@@ -1,4 +1,4 @@
-"""The law that keeps a force from far away passive, against a stiff wall in virtual time."""
+"""Passivity of a remote force against a stiff wall, in virtual time."""
 
 import math
 
@@ -24,8 +24,8 @@ ROUNDING_J = 1e-9
 
 
 def network(delay_s, **more):
-    """The issue's: jitter of half the delay, packets that overtake each other, 5 % lost, and half a
-    second of nothing."""
+    """Network faults: jitter of half the delay, packets out of order, 5 % lost, and a silence of
+    half a second."""
     return {
         "delay_s": delay_s,
         "jitter_s": 0.002 + 0.5 * delay_s,
@@ -82,7 +82,7 @@ def test_a_link_that_is_cut_lets_the_force_fade_in_bounded_time(delay_s):
 
 
 def test_a_hand_that_is_torn_out_is_not_thrown_after():
-    """As one that lets go: nothing holds against the force any more."""
+    """The stylus is pulled away, after which nothing resists the force."""
 
     def away(now_s):
         return into_the_wall(now_s) if now_s < 3.0 else 0.03
@@ -156,7 +156,8 @@ def test_how_much_is_left_of_a_force(silent_s, round_s, left):
 
 @pytest.mark.parametrize(("toward_m", "gained"), [(-0.01, 0.0), (0.01, -1.0)])
 def test_of_a_stall_the_hand_is_owed_nothing_and_has_what_it_was_given(toward_m, gained):
-    """A device that was let go on by itself may have fallen silent long before it moved."""
+    """Motion during a gap may only reduce the energy budget, because the device may have stopped
+    its force long before it moved."""
     port, now_s = DevicePort(), 0.0
     asked = Vector3(0.0, 0.0, 1.0)
     for _ in range(200):

@@ -27,7 +27,7 @@ QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)
 
 
 class Bench:
-    """A renderer, its device, and virtual time that goes on by one cycle of the robot."""
+    """A renderer, its device, and virtual time that advances by one cycle of the robot."""
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ def test_clutched_out_nothing_is_felt_and_nothing_was_enabled_before():
     assert bench.device.calls == ["enable"]
     assert not bench.cycle(world=None).engaged
     bench.cycle()
-    assert bench.device.calls == ["enable"]  # It is enabled still.
+    assert bench.device.calls == ["enable"]  # already enabled
 
 
 def test_a_latched_fault_takes_a_new_clutch_in():
@@ -197,7 +197,7 @@ def test_a_surface_at_the_start_and_one_at_clutch_in():
     assert [each.point for each in start] == [(0.5, 0.0, 0.4)]
     both = bench.cycle(place=(0.6, 0.0, 0.4)).fixtures
     assert all(isinstance(each, Plane) for each in both)
-    # where the stylus is in the world, so that nothing pushes at once
+    # at the place of the stylus in the world, so that no force begins with a jump
     assert [each.point for each in both] == [(0.5, 0.0, 0.4), pytest.approx((0.5, 0.0, 0.35))]
 
 
@@ -216,7 +216,8 @@ def test_a_measured_force_is_turned_into_the_hands_axes_and_scaled():
 
 
 def test_what_is_touched_absorbs_what_the_hand_pushes_in_until_it_is_clutched_out():
-    """A device on another computer needs to know: its law is of both ends."""
+    """A device on another computer needs this energy, because its passivity law covers both
+    ends."""
     bench = Bench(source=MeasuredSource(reaction=True))
     pressed = {"force": (0.0, 0.0, 10.0)}
     assert bench.cycle(count=200, **pressed).measured.absorbed_j == 0.0
@@ -229,7 +230,7 @@ def test_what_is_touched_absorbs_what_the_hand_pushes_in_until_it_is_clutched_ou
 
 
 def test_a_measured_force_is_zero_until_force_is_let_out_and_then_fades_in():
-    """Clutching in while the tool presses: a device begins with a small force alone."""
+    """Clutching in while the tool presses: a device begins with a small force."""
     bench = Bench(source=MeasuredSource(reaction=True), stiffness_n_m=100.0)
     pressed = {"force": (0.0, 0.0, 20.0)}
     bench.device.lets_out = False
@@ -270,7 +271,7 @@ def test_a_force_that_comes_back_grows_slowly():
 
 
 class Slow(MeasuredSource):
-    """Gives the same reading again and again."""
+    """A source that repeats its last reading."""
 
     def read(self, state, tcp):
         self.retained = super().read(state, tcp) if state.wrench is not None else self.retained
@@ -346,7 +347,7 @@ def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
     bench.device.haptic_state = HapticState(state=OperatingState.ENABLED, rendering=True)
     bench.cycle(count=50, force=(0.0, 0.0, 0.0))
     assert bench.renderer.report().rendered_stiffness_n_m is None
-    # Pressed down by 0 to 20 mm against 60 N/m, then lifted and moved on in free air.
+    # Pressed down by 0 to 20 mm against 60 N/m, then lifted and moved in free air.
     for k in range(501):
         depth_m = 4e-5 * k
         bench.device.haptic_state = bench.device.haptic_state._replace(
@@ -358,7 +359,7 @@ def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
     bench.cycle(count=100, force=(0.0, 0.0, 0.0))
     bench.cycle(count=500, force=(0.0, 0.0, 0.0), hand=Pose(Vector3(0.01, 0.0, 0.0), IDENTITY))
     report = bench.renderer.report()
-    # The contact force is filtered before it counts: the first touch is found 0.1 s late at most.
+    # The contact force is low-pass filtered: the first touch is detected up to 0.1 s late.
     assert report.rendered_stiffness_n_m == pytest.approx(60.0, rel=0.1)
     assert report.rendered_depth_m == pytest.approx(0.02, abs=0.001)
 

@@ -1,4 +1,4 @@
-"""A session and a force node over the socket between them."""
+"""A session and a force node, connected by a socket."""
 
 import contextlib
 import os
@@ -74,7 +74,7 @@ def test_a_nodes_measured_force_is_tared_scaled_and_turned_round():
 
 
 def cycles(source, seconds, until=lambda: False, world=None):
-    """The session's loop, as fast as it is: the last reading."""
+    """Run the session's loop as fast as possible; return the last reading."""
     reading, end_s = None, time.monotonic() + seconds
     while (now_s := time.monotonic()) < end_s and not until():
         state = robot_state(now_s, (0.385, 0.0, 0.4))
@@ -101,7 +101,7 @@ def run_node(path, results, **options):
 @pytest.mark.real
 def test_a_node_serves_a_session(tmp_path, capsys):
     path, results = str(tmp_path / "force.sock"), []
-    thread = run_node(path, results, seconds=20.0)  # Before the session: it waits for it.
+    thread = run_node(path, results, seconds=20.0)  # started before the session, for which it waits
     with RemoteSource(path, 0.1) as source:
         assert os.stat(path).st_mode & 0o777 == 0o600
         assert source.diagnosis() == ("no measured force: no force node is connected",)
@@ -147,7 +147,7 @@ def test_a_node_that_sends_garbage_or_sleeps_holds_nobody_up(service, tmp_path):
         assert isinstance(decode(node.recv(1024)), StateMessage)
         for junk in (b"CDNF", b"x" * 600, b"CDNF\x01\x01\0\0"):
             node.send(junk)
-        for k in range(2000):  # It takes none of them.
+        for k in range(2000):  # the session accepts none of them
             state = robot_state(1.0 + k * PERIOD_S)
             service.publish(state, state.pose, WorldMap(), state.stamp_s)
             assert service.read(state, state.pose) is None

@@ -46,7 +46,7 @@ TABLE = {
 
 
 class ScriptedRobot(RobotDriver):
-    """An ideal robot in virtual time; `script` sees each cycle before it is yielded."""
+    """An ideal robot in virtual time; `script` gets each cycle before it is yielded."""
 
     Options = FakeRobotOptions
     capabilities = RobotCapabilities(
@@ -88,7 +88,7 @@ def drivers(monkeypatch):
 
 
 def session(cycles=400, script=None, **tables):
-    """A session whose operator clutches in at cycle 200, and moves on by 50 mm/s along x."""
+    """A session whose operator clutches in at cycle 200, and then moves at 50 mm/s along x."""
     merged = {key: {**TABLE.get(key, {}), **tables.get(key, {})} for key in TABLE}
     merged["robot"]["cycles"] = cycles
     s = make_session(parse_config({**tables, **merged}))
@@ -114,7 +114,7 @@ def test_a_session_renders_fixtures_from_clutch_in_on():
     assert [c.engaged for c in commands].index(True) == 200
     assert all(c.engaged for c in commands[200:])
     assert s.device.calls == ["open", "enable", "disable", "close"]
-    # the map says where the TCP is told to go for the place of the hand
+    # the map gives the commanded TCP for the hand's position
     world, hand = commands[-1].world, s.device.pose.position
     assert world.offset.x + hand.x == pytest.approx(s.robot.place.x, abs=5e-3)
     assert s.robot.place.x < 0.47
@@ -134,7 +134,8 @@ def test_a_session_feels_what_the_robot_measures():
     assert s.device.commands[240].measured.force == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert s.device.commands[-1].measured.force == pytest.approx((0.0, 0.0, 0.495))
     assert last.contact.force_n == pytest.approx(10.0)
-    assert last.force.measured_n == pytest.approx([0.0, 0.0, 0.495])  # pushed up: it points up
+    # the contact pushes up: positive z
+    assert last.force.measured_n == pytest.approx([0.0, 0.0, 0.495])
     assert last.contact.rms_error_n == pytest.approx(2.0, rel=0.1)
     assert last.contact.path_m > 0.05
 
@@ -150,7 +151,7 @@ def test_a_robot_that_stops_is_not_felt():
 
 
 def forces(session):
-    """Return the renderer of a session's forces."""
+    """Return the session's force renderer."""
     return next(part._force for part in session._parts if isinstance(part, Forces))
 
 
@@ -172,7 +173,7 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     assert commands[300].measured is None
     assert commands[300].engaged
     assert "no measured force: unplugged" in last.diagnosis
-    # 0.1 s later than a reading could still be felt, the hand is taken off
+    # disengaged 0.1 s after the last reading has become too old
     out = next(k for k in range(300, 500) if not commands[k].engaged)
     assert (out - 300) * PERIOD_S == pytest.approx(0.2, abs=2 * PERIOD_S)
     assert (last.arm.trips, last.force.losses) == (1, 1)
@@ -219,7 +220,7 @@ def test_a_force_that_vanishes_takes_the_hand_off_the_robot(haptic_state, within
     assert all(engaged[200:300])
     out = engaged.index(False, 300)
     assert (out - 300) * PERIOD_S == pytest.approx(within_s, abs=3 * PERIOD_S)
-    assert not any(engaged[out:500])  # Not by itself, although the force would be back.
+    assert not any(engaged[out:500])  # not by itself, although a force is available again
     assert all(engaged[500:])
     assert (last.arm.trips, last.force.losses) == (1, 1)
     assert words in last.force.lost_reason
@@ -239,7 +240,7 @@ def test_the_robot_brakes_when_the_force_is_lost_and_says_so():
     s.run()
     speed_m_s = (places[299] - places[300]) / PERIOD_S
     assert speed_m_s == pytest.approx(0.05, rel=0.1)
-    assert places[330] == places[499]  # The hand goes on by 50 mm/s all the time.
+    assert places[330] == places[499]  # the hand keeps moving at 50 mm/s all the time
     assert places[300] - places[499] < 0.005
     assert messages[-1] == (
         "stopped before: the force is lost: fault: it flew; press 'button_2' to move"
@@ -277,7 +278,7 @@ def test_a_clutch_in_deep_in_a_fixture_ends_within_a_second():
     out = engaged.index(False, 200)
     assert (out - 200) * PERIOD_S == pytest.approx(1.0, abs=3 * PERIOD_S)
     assert "move out of the fixture, then clutch in" in last.force.lost_reason
-    assert waited == [START.x]  # The robot went no deeper meanwhile.
+    assert waited == [START.x]  # the robot moved no deeper meanwhile
     assert all(engaged[600:])
     assert (last.arm.trips, last.force.losses) == (1, 1)
 
@@ -358,7 +359,7 @@ def test_axes_that_mirror_are_refused():
     ],
 )
 def test_axes_that_do_not_follow_are_refused(options, words):
-    """No motion of the hand would end a push along them."""
+    """No motion of the hand could relieve a force along these axes."""
     mapping = {**TABLE["mapping"], **options}
     for force in ({"fixtures": [SPHERE]}, {"force": {"source": "measured"}}):
         config = parse_config({**TABLE, "mapping": mapping, **force})
@@ -431,7 +432,7 @@ def test_the_summary_shows_a_force_that_was_lost(capsys):
 
 
 def test_a_force_node_of_another_process_is_felt(tmp_path):
-    """In real time: a node of its own evaluates the paper's sphere on the robot's TCP."""
+    """In real time: a separate node evaluates the paper's sphere at the robot's TCP."""
     path = str(tmp_path / "force.sock")
     s = session(2000, force={"source": "remote", "socket": path, "cutoff_hz": 100.0})
     node = read_table(ForceConfig, {"fixtures": [{**SPHERE, "center_m": [0.45, 0.0, 0.4]}]})
@@ -450,7 +451,7 @@ def test_a_force_node_of_another_process_is_felt(tmp_path):
                 s.stop("enough")
         return fields
 
-    # stamps of the system's clock, as two processes on one computer have them
+    # stamps from the system clock, which two processes on a computer share
     s.robot.cycles = lambda: _now(s.robot, real_time)
     s.run(seconds=10.0)
     thread.join(5.0)

@@ -1,4 +1,4 @@
-"""Sources of forces, and the processing of forces on the way to the hand."""
+"""Sources of forces, and the processing from source to device."""
 
 import math
 
@@ -139,7 +139,7 @@ def test_a_contact_source_takes_its_velocity_from_the_tcp():
         reading = source.read(state, state.pose)
     assert reading.force == pytest.approx((-2.0, 0.0, 10.0), rel=1e-3)
     assert reading.frame is Frame.BASE
-    # a jump of the robot is no velocity
+    # a jump of the robot's pose does not count as a velocity
     jumped = robot_state(1.5, (5.0, 0.0, 0.39))
     assert source.read(jumped, jumped.pose).force == pytest.approx((0.0, 0.0, 10.0))
 
@@ -219,5 +219,5 @@ def test_the_filter_has_its_cutoff_and_tells_the_rate():
     before = ramp.value
     ramp.add(Vector3(9.0, 9.0, 9.0), 498 * PERIOD_S)  # older than the newest
     assert ramp.value == before
-    ramp.add(Vector3(9.0, 9.0, 9.0), 5.0)  # after a silence it begins anew
+    ramp.add(Vector3(9.0, 9.0, 9.0), 5.0)  # after a silence the ramp restarts
     assert (ramp.value.x, ramp.rate.x) == (9.0, 0.0)

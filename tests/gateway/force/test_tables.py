@@ -1,4 +1,4 @@
-"""[force] and [[fixtures]]: allowed values, and the words of errors."""
+"""[force] and [[fixtures]]: valid values and error messages."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""When a lost force disengages teleoperation, in virtual time."""
+"""Times at which a lost force disengages teleoperation, in virtual time."""
 
 import pytest
 from hypothesis import given, strategies as st
@@ -23,7 +23,7 @@ OUT = IN._replace(rendering=False, reason="the tick was late")
 
 
 class Bench:
-    """A guard whose hand was taken up at 1 s with the fifth command."""
+    """A watchdog, engaged at 1 s with the fifth command."""
 
     def __init__(self):
         self.watchdog = ForceWatchdog(max_age_s=0.1)
@@ -31,7 +31,7 @@ class Bench:
         self.watchdog.engage(5, self.now_s)
 
     def see(self, state, seconds=0.0, fixtures=True, refusal="", source=""):
-        """Return the watchdog's reason within `seconds`, and the time until it came (or None)."""
+        """Return the watchdog's reason within `seconds`, and the time until then (or None)."""
         begun_s = self.now_s
         for _ in range(max(1, round(seconds / PERIOD_S))):
             self.now_s += PERIOD_S
@@ -57,7 +57,7 @@ def test_the_robot_waits_for_a_force_that_has_not_begun_or_is_gone():
     bench.see(IN)
     assert not bench.watchdog.in_doubt
     bench.see(OUT, 0.008)
-    assert not bench.watchdog.in_doubt  # A single late tick does not count.
+    assert not bench.watchdog.in_doubt  # a single late tick does not count
     bench.see(OUT, 0.008)
     assert bench.watchdog.in_doubt
     bench.see(IN)
@@ -164,13 +164,13 @@ def test_a_device_that_cannot_be_enabled_may_become_ready_within_a_second():
     assert after_s == pytest.approx(BEGINS_WITHIN_S, abs=2 * PERIOD_S)
 
 
-# -- at the borders: times that are exact, as the clutch was pressed at zero ---------------------
+# -- exact time limits, counted from an engagement at zero ---------------------------------------
 
 LATER_S = 0.001
 
 
 class Exact:
-    """A guard that was engaged at zero, and sees a state at chosen times."""
+    """A watchdog, engaged at zero, which gets states at chosen times."""
 
     def __init__(self, *rendered_at_s):
         self.watchdog = ForceWatchdog(max_age_s=0.0)
@@ -185,7 +185,7 @@ class Exact:
 
 
 def pushing(given_n, of_n, **known):
-    """A device that pushes with this share of the commanded force."""
+    """A device that renders this share of the commanded force."""
     return IN._replace(
         force=Vector3(given_n, 0.0, 0.0), force_commanded=Vector3(of_n, 0.0, 0.0), **known
     )

@@ -1,4 +1,5 @@
-"""Kinematics of the arms: Jacobian against differences, the inverse against the forward."""
+"""Kinematics of the arms: Jacobian against finite differences, inverse against forward
+kinematics."""
 
 import math
 
@@ -14,7 +15,7 @@ from cardan.types import IDENTITY_POSE, Pose, Vector3
 from tests.examples import ARMS_LATER
 
 POSES = 200
-"""For each arm; the benchmark takes thousands."""
+"""Number of poses per arm; the benchmark uses thousands."""
 
 
 def arm(name, **options):
@@ -29,7 +30,7 @@ def random_configurations(kinematics, count, seed=0):
 
 
 def error(a, b):
-    """Meters and radians between two placements."""
+    """Distance (m) and angle (rad) between two placements."""
     difference = a.actInv(b)
     return np.linalg.norm(difference.translation), np.linalg.norm(pin.log3(difference.rotation))
 
@@ -106,7 +107,7 @@ def test_whole_turns_are_added_to_be_near_but_never_beyond_a_limit():
 
 @pytest.mark.parametrize("name", ["pr2_left_arm", "pr2_right_arm"])
 def test_no_rounding_turns_a_joint_away_from_its_end(name):
-    """It has more than half a turn and less than a whole one."""
+    """The joint's range is more than half a turn and less than a whole one."""
     kinematics, roll = arm(name), 2
     for end, near in (("lower", "upper"), ("upper", "lower")):
         q, other = (np.array(kinematics.arm.home) for _ in range(2))

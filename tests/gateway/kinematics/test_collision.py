@@ -1,4 +1,4 @@
-"""Distances, their gradients, and the sweep that no thin wall escapes."""
+"""Distances and their gradients, and a sweep that detects even thin walls."""
 
 import math
 
@@ -30,7 +30,7 @@ def world(name="ur5", obstacles=(FLOOR, POST, WALL, BALL), tool=()):
 
 
 def segment_distance(p, q, a, b):
-    """Distance of the segments p-q and a-b by brute force over both parameters."""
+    """Distance between the segments p-q and a-b, by brute force over both parameters."""
     s = np.linspace(0.0, 1.0, 401)
     one = p + np.outer(s, q - p)
     two = a + np.outer(s, b - a)
@@ -73,7 +73,7 @@ def test_gradients_equal_differences(name):
         step *= 1e-6 / np.linalg.norm(step)
         ahead, behind = np.array(collision.at(q + step)), np.array(collision.at(q - step))
         wrong += int((np.abs(0.5 * (ahead - behind) - gradients @ step) > 1e-9).sum())
-    # Where the nearest feature changes within the step the distance has no derivative.
+    # The distance has no derivative if the nearest feature changes within the step.
     assert wrong <= 0.01 * 40 * len(pairs)
 
 
@@ -115,13 +115,13 @@ def test_a_thin_wall_is_found_however_far_the_jump():
     home = np.array(kinematics.arm.home)
     beyond = home.copy()
     before = kinematics.forward(home).translation[0]
-    beyond[1:3] += 0.9, -0.9  # leans forward and stretches, through the wall
+    beyond[1:3] += 0.9, -0.9  # the arm leans forward and stretches, through the wall
     assert before < 0.7 < kinematics.forward(beyond).translation[0]
     share, pair = collision.free_share(home, beyond, 0.01)
     assert 0.0 < share < 1.0
     assert "wall" in pair
     stop = dict(zip(collision.pairs, collision.at(home + share * (beyond - home)), strict=True))
-    # Each sample gains less than a thousandth when it stops: nearly at the margin, never beyond.
+    # The search stops when a sample gains less than a thousandth: near the margin, never beyond.
     assert 0.01 - 1e-9 <= stop[pair] < 0.02
     assert collision.free_share(home, home, 0.01) == (1.0, None)
     assert collision.free_share(home, home - 0.02, 0.01) == (1.0, None)
@@ -151,7 +151,7 @@ def test_a_pair_that_is_too_near_already_may_only_part():
 
 
 def nested(generator, body):
-    """Shapes of a body, each with smaller ones in it, and once more."""
+    """Shapes of a body, each with smaller ones inside, and each of these twice."""
     found = []
     for number in range(4):
         at = Vector3(*generator.uniform(-0.1, 0.1, 3))
@@ -184,7 +184,7 @@ def test_a_shape_inside_another_of_its_body_is_left_out_and_no_distance_is_large
     assert not of_wrist & {"inner 1", "inner 2", "inner 3"}
 
     def nearest(collision, q):
-        """By the bodies of each pair."""
+        """Least distance between each pair of bodies."""
         first = len(kinematics.arm.shapes) + len(tool)
         owners = [each.body for each in collision.solids[:first]]
         owners += ["post", "wall", *("one",) * len(movers[0]), *("other",) * len(movers[1])]
@@ -203,7 +203,7 @@ def test_a_shape_inside_another_of_its_body_is_left_out_and_no_distance_is_large
         one, other = nearest(fewer, q), nearest(every, q)
         assert one.keys() == other.keys()
         for key, distance in other.items():
-            # How deep bodies overlap may be said otherwise for the one around.
+            # The depth of an overlap may differ for the outer shape.
             expected = distance if distance > 0.0 else min(one[key], 1e-6)
             assert one[key] == pytest.approx(expected, abs=1e-6)
 

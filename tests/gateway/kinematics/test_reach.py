@@ -25,7 +25,7 @@ def test_no_posture_is_beyond_it_and_some_are_at_its_ends(name):
     points = np.array([arm.forward(q).translation for q in postures])
     assert (points >= low - 0.003).all()
     assert (points <= high + 0.003).all()
-    # Random postures come near the ends, and never far from them.
+    # Random postures come near the limits, and stay within them.
     assert (points.min(axis=0) <= low + 0.12).all()
     assert (points.max(axis=0) >= high - 0.12).all()
 

@@ -1,4 +1,4 @@
-"""TEO's soft neck against its worked table, and its two directions against each other."""
+"""TEO's soft neck: comparison with its published table, and forward against inverse kinematics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ co_contractions = st.floats(-0.01, 0.01)
 
 
 def plain_model(inclination_rad, orientation_rad):
-    """The model as its reference writes it, by rotation matrices;."""
+    """The model in the form of its reference, by rotation matrices."""
     theta, phi = max(inclination_rad, 1e-9), orientation_rad - math.radians(30)
     rz, ry = lambda a: pin.rpy.rpyToMatrix(0, 0, a), lambda a: pin.rpy.rpyToMatrix(0, a, 0)
     rotation = rz(phi) @ ry(theta) @ rz(-phi)
@@ -51,7 +51,7 @@ TABLE = [
 @pytest.mark.parametrize(("inclination", "orientation", "tendons_mm", "position_mm"), TABLE)
 def test_worked_table(inclination, orientation, tendons_mm, position_mm):
     q = NECK.tendons(math.radians(inclination), math.radians(orientation))
-    # The first row is that of 0.001 deg, which the reference takes in place of zero.
+    # The reference uses 0.001 deg instead of zero, as in the first row.
     assert 1e3 * q == pytest.approx(tendons_mm, abs=1.5e-3 if inclination == 0 else 6e-4)
     turned = pin.rpy.rpyToMatrix(0, 0, math.radians(-30)) @ NECK.forward(q).translation
     assert 1e3 * turned == pytest.approx(position_mm, abs=6e-3)

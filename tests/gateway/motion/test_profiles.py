@@ -1,4 +1,4 @@
-"""Profiles keep their bounds at all times, start and end exactly."""
+"""Profiles stay within their bounds at all times, and start and end exactly."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ SAMPLES = 200
 
 
 def assert_bounded(profile, speed, acceleration, jerk):
-    """Values, their consistency by differences, and the bounds of all of them."""
+    """Check values, their consistency by finite differences, and all bounds."""
     duration = profile.duration_s
     step = duration / SAMPLES
     states = [profile.at(duration * i / SAMPLES) for i in range(SAMPLES + 1)]

@@ -1,4 +1,5 @@
-"""Shaped velocities and poses keep their bounds for all targets, arrive, and do not overshoot."""
+"""Shaped velocities and poses stay within their bounds for all targets, arrive, and do not
+overshoot."""
 
 import math
 
@@ -53,7 +54,7 @@ TURNS = [
     (Vector3(*target), [0.02] * 8)
     for target in ((0.3, 0.17, 0.94), (-0.54, 0.74, -0.41), (0.0, 0.81, 0.59), (0.3, 0.92, -0.23))
 ]
-"""Changes of direction at full speed, which leave no room for the wanted acceleration."""
+"""Changes of direction at full speed, at which the desired acceleration is not available."""
 
 
 @pytest.mark.parametrize("jerk", [60.0, 20.0])
@@ -200,7 +201,8 @@ def test_a_resting_target_is_reached_straight_in_time_and_not_passed(distance, t
 
 
 def assert_within(shaper, last, dt_s, slack=1e-6):
-    """Norms of twist, acceleration and jerk; returns the acceleration for the next call."""
+    """Check the norms of twist, acceleration and jerk; return the acceleration for the next
+    call."""
     twist, now = shaper.twist, shaper.acceleration
     assert norm(twist.linear) <= LIMITS.linear_speed_m_s * (1 + slack)
     assert norm(twist.angular) <= LIMITS.angular_speed_rad_s * (1 + slack)
@@ -225,7 +227,8 @@ def test_bounds_hold_while_the_target_jumps_and_it_arrives_after(targets, dt_s):
             last = assert_within(shaper, last, dt_s)
             moved = subtract(shaper.pose.position, before.position)
             assert norm(moved) <= LIMITS.linear_speed_m_s * dt_s * (1 + 1e-3)
-            # The way is that of the speeds, but for what jerk bends it within a tick.
+            # The distance equals that of the mean speed, except for the effect of jerk within a
+            # tick.
             mean = scale(add(twist.linear, shaper.twist.linear), 0.5 * dt_s)
             assert norm(subtract(moved, mean)) <= LIMITS.linear_jerk_m_s3 * dt_s**3 / 12.0 + 1e-12
     for _ in range(round(12.0 / dt_s)):
@@ -271,10 +274,10 @@ def test_damping_is_a_time_constant_whatever_the_tick_rate(damping, backend, dt_
     distances = [0.01 - shaper.advance(goal, dt_s).position.x for _ in range(ticks)]
     assert min(distances) >= -1e-11
     tau = damping_time_s(damping)
-    # Well after the start only the exponential is left: a factor e in one time constant.
+    # Some time after the start only the exponential remains: a factor e per time constant.
     first = next(i for i, d in enumerate(distances) if d < 0.003)
     later = distances[first + round(tau / dt_s)]
-    share = 1.0 if backend == "builtin" else 3.0**-0.5  # Its speed is bounded along each axis.
+    share = 1.0 if backend == "builtin" else 3.0**-0.5  # this speed is limited along each axis
     assert later / distances[first] == pytest.approx(math.exp(-share), rel=0.15)
 
 

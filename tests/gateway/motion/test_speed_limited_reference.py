@@ -1,4 +1,4 @@
-"""The reference stays inside its limits for all requests, and never steps."""
+"""The reference stays inside its limits for all requests, without steps."""
 
 import math
 
@@ -35,7 +35,7 @@ def placed(limits=None, pose=START):
 
 
 def follow(reference, target, ticks, dt_s=DT_S):
-    """Advance with an ideal robot, one that is always where it is told."""
+    """Advance with an ideal robot, which is always at its command."""
     for _ in range(ticks):
         reference.observe(reference.pose)
         reference.advance(target, dt_s)
@@ -123,7 +123,7 @@ def test_blocked_robot_holds_the_maximum_lead(speed):
         turned = norm(rotation_between(IDENTITY, reference.pose.orientation))
         assert turned <= limits.max_lead_rad + 1e-9
     assert reference.lead_used == pytest.approx(1.0, abs=0.01)
-    # back towards the robot is free at once
+    # back towards the robot is possible at once
     before = reference.pose.position.x
     for _ in range(50):
         reference.observe(START)
@@ -210,11 +210,11 @@ def test_a_fault_does_not_wait_for_the_jerk():
     assert smooth.pose.position.x - smooth.place_before == pytest.approx(
         rough.pose.position.x - rough.place_before, abs=1e-6
     )
-    follow(smooth, Twist(Vector3(0.1, 0, 0), ZERO3), 300)  # and it goes on from there
+    follow(smooth, Twist(Vector3(0.1, 0, 0), ZERO3), 300)  # the motion continues from there
     assert smooth.linear.x == pytest.approx(0.1)
 
 
-# -- limits, and a reference that is placed --------------------------------------------------------
+# -- limits, and placing the reference -------------------------------------------------------------
 
 
 def test_the_limits_by_themselves():
@@ -287,7 +287,7 @@ def test_a_turn_alone_is_a_motion_and_so_is_a_way_alone(axis):
         assert reference.moving
 
 
-# -- how far it is ahead ---------------------------------------------------------------------------
+# -- lead of the reference -------------------------------------------------------------------------
 
 turns = st.builds(Vector3, *[st.floats(-1.7, 1.7)] * 3)
 places = st.builds(Vector3, *[st.floats(-1.0, 1.0)] * 3)
@@ -303,7 +303,7 @@ def test_how_far_it_is_ahead_of_what_was_measured(at, turn, seen_at, seen_turn, 
     assert reference.ahead_m == pytest.approx(math.dist(at, seen_at), abs=1e-12)
     assert reference.ahead_rad == pytest.approx(norm(ahead), abs=1e-7)
     assert reference._ahead == pytest.approx(subtract(at, seen_at))
-    if norm(ahead) < 3.1:  # Half a turn is one either way.
+    if norm(ahead) < 3.1:  # half a turn, in either direction
         assert reference._turned_ahead == pytest.approx(ahead, abs=1e-7)
 
 
@@ -376,11 +376,11 @@ def test_after_a_stop_that_did_not_wait_the_jerk_is_bounded_from_the_speed_that_
 
 BOX = ReferenceLimits(workspace_x_m=(0.4, 0.6), workspace_y_m=(-0.1, 0.1), workspace_z_m=(0.7, 0.9))
 A_WALL = 1.0 / math.sqrt(3.0)
-"""Of the acceleration by itself, m/s², what one of three walls may take."""
+"""Acceleration by itself, m/s², that each of three walls allows."""
 
 
 def expected_at_walls(now, target, place):
-    """The next velocity at the walls of BOX, found by halving."""
+    """Next velocity at the walls of BOX, found by bisection."""
     wanted, braked = list(target), list(now)
     for axis, (lower, upper) in enumerate(BOX.workspace_m):
         up = stopping_speed(upper - place[axis], A_WALL, DT_S)

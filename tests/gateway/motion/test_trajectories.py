@@ -1,4 +1,5 @@
-"""Trajectories end together and exactly, keep every limit, and go through their points."""
+"""Trajectories of all joints end together and exactly, keep every limit, and pass through their
+points."""
 
 import math
 
@@ -36,7 +37,7 @@ GROUP = LineLimits(
 
 
 def pose_difference(a, b):
-    """Distance in m and angle in rad between two poses."""
+    """Distance (m) and angle (rad) between two poses."""
     turned = rotation_between(a.orientation, b.orientation)
     return norm(subtract(a.position, b.position)), norm(turned)
 

@@ -1,4 +1,4 @@
-"""Absolute control: a place of the hand is a place of the TCP, reached without a step."""
+"""Absolute control: a position of the device is a position of the TCP, reached without a step."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Differential control: buttons that toggle the clutch and take the references anew."""
+"""Differential control: buttons that toggle the clutch and recapture the references."""
 
 import math
 
@@ -50,7 +50,7 @@ def engaged(**options):
     return bench
 
 
-# -- the law ---------------------------------------------------------------------------------------
+# -- the control law -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,8 @@ def test_recapture_forgets_slip_and_lag():
     way = 0.0
     for _ in range(250):
         bench.run()
-        assert bench.velocity[0].y >= -1e-9  # Motion while it braked is not drawn back.
+        # The hand's motion during braking does not move the arm back.
+        assert bench.velocity[0].y >= -1e-9
         way = bench.moved.y - y
     assert bench.core.at_rest
     assert way == pytest.approx(before**2 / 2.0, abs=2e-3)
@@ -187,7 +188,8 @@ def test_both_buttons_in_one_tick_while_clutched_out(order):
 @given(st.lists(st.booleans(), max_size=7))
 @settings(max_examples=examples(50))
 def test_a_chattering_button_counts_its_presses(edges):
-    """All in one tick; what bounces is the driver's to remove, but nothing else comes of it."""
+    """All presses are in one tick. Debouncing is the driver's task, and this has no other
+    effect."""
     bench = DevicePoseBench().run()
     down, presses = False, 0
     for pressed in edges:
@@ -221,7 +223,7 @@ def test_clutch_and_dead_man_together_are_both_needed():
     assert close(bench.moved, (0.04, 0, 0))
 
 
-# -- causes that take the hand off, and acts that do not bring it back -----------------------------
+# -- disengaging faults, and actions that do not re-engage -----------------------------------------
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])
@@ -269,7 +271,7 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
 def test_somebody_else_may_take_the_hand_off_the_robot():
     bench = engaged().send_pose(displaced(x=0.1)).run(0.2)
     bench.core.inhibit("the force is lost", Inhibit.ONCE)
-    bench.press("button_2").run()  # In the same tick it does not re-arm.
+    bench.press("button_2").run()  # no re-arming in the same tick
     assert not bench.core.following
     assert bench.core.phase is Phase.BRAKING
     assert bench.message.startswith("stopped before: the force is lost; ")
@@ -362,7 +364,7 @@ def test_letting_go_brakes_at_the_braking_limits_and_not_as_softly_as_the_motion
     assert max(ways) - min(ways) < 2e-3
 
 
-# -- the map that forces go by ---------------------------------------------------------------------
+# -- the map of rendered forces --------------------------------------------------------------------
 
 
 def determinant(m):
@@ -410,7 +412,7 @@ def test_the_map_moves_with_a_slip():
 
 
 def test_the_map_ends_where_the_workspace_ends():
-    """A wall beyond its edge is nothing that the TCP could meet."""
+    """The TCP cannot reach a virtual wall beyond its workspace, so the map must not lead there."""
     limits = ReferenceLimits(workspace_x_m=(0.45, 0.55))
     bench = DevicePoseBench(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
     bench.send_pose(displaced(x=0.03, y=0.03)).run(2.0)
@@ -418,7 +420,7 @@ def test_the_map_ends_where_the_workspace_ends():
     bench.send_pose(displaced(x=0.12, y=0.05)).run(2.0)
     assert close(bench.tcp.position, (0.55, 0.05, 0.4), 1e-4)
     assert close(bench.mapped_device, (0.55, 0.05, 0.4), 1e-4)
-    bench.put_device(displaced(x=0.2, y=0.06))  # Until the next tick, along the edge alone.
+    bench.put_device(displaced(x=0.2, y=0.06))  # until the next tick, along the edge alone
     assert close(bench.mapped_device, (0.55, 0.06, 0.4), 1e-4)
     bench.put_device(displaced(x=0.12, y=0.05)).send_pose(displaced(x=0.02)).run(2.0)
     assert close(bench.mapped_device, bench.tcp.position)
@@ -438,7 +440,7 @@ def test_directions_that_no_place_of_the_hand_moves(options, still):
     assert unfollowed(MappingOptions(**options)) == still
 
 
-# -- never a step ----------------------------------------------------------------------------------
+# -- no steps --------------------------------------------------------------------------------------
 
 numbers = st.floats(-1.0, 1.0)
 actions = st.one_of(
@@ -506,7 +508,7 @@ def play(bench, plan):
     st.sampled_from([None, 4.0]),
 )  # fmt: skip
 def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
-    """The bench checks every command, and that a clutch taken at rest is still."""
+    """The bench checks every command, and that clutching in at rest causes no motion."""
     bench = DevicePoseBench(
         limits=ReferenceLimits(
             linear_jerk_m_s3=jerk, workspace_x_m=(0.3, 0.8), workspace_z_m=(0.2, 0.7)
@@ -524,7 +526,7 @@ def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
 @settings(max_examples=examples(30))
 @given(plans)
 def test_nothing_moves_without_a_following_hand(plan):
-    """With a robot that is where it is commanded, so that nothing has to come back."""
+    """The robot is at its command, so that no recovery moves it."""
     plan = [step for step in plan if step[0][0] != "stuck"]
     bench = DevicePoseBench(recapture="button_1").run().tap("button_2")
     play(bench, plan)

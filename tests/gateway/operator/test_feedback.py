@@ -1,4 +1,4 @@
-"""Feedback to the operator's hand, in virtual time."""
+"""Feedback to the operator device, in virtual time."""
 
 import pytest
 
@@ -32,7 +32,7 @@ MOVING = REST._replace(phase=Phase.MOVING, target=Twist(Vector3(0.1, 0.0, 0.0), 
 
 
 def played(hand, status, robot=ROBOT, start_s=0.0, seconds=1.0):
-    """Everything that is sent while nothing changes."""
+    """All feedback that is sent while nothing changes."""
     sent, now_s = [], start_s
     while now_s < start_s + seconds:
         if hand.due(now_s) and (feedback := hand.update(arm_feedback_of(status), robot, now_s)):

@@ -1,4 +1,4 @@
-"""An operator device as a source of requests: the rule of arming, tick by tick."""
+"""An operator device as a source of requests: the rule of re-arming, tick by tick."""
 
 import math
 
@@ -33,7 +33,7 @@ HAND = Pose(Vector3(0.1, 0.2, 0.3), IDENTITY)
 
 
 class Asked:
-    """A source and its arm, which takes whatever request is armed."""
+    """An operator input and its arm, which grants every request of arming."""
 
     def __init__(self, options=DEADMAN):
         limits = ReferenceLimits()
@@ -62,7 +62,7 @@ class Asked:
         return self.request
 
     def seen(self, **tick):
-        """After one tick with the device at rest."""
+        """Run one tick with the device at rest."""
         self.tick(**tick)
         return self
 
@@ -150,7 +150,7 @@ def test_without_a_dead_man_rest_arms_and_an_inhibited_one_takes_a_move_and_rest
     assert request.arming_requested
     assert not request.newly_armed
     assert asked.source.rearming_instruction() == "move the device and let it go"
-    # Staying at rest is no further act.
+    # staying at rest is not another action
     assert not asked.tick(REST, inhibited="held").arming_requested
     assert not asked.tick(FORWARD, inhibited="held").arming_requested
     assert asked.tick(REST, inhibited="held").arming_requested
@@ -276,7 +276,7 @@ def test_only_an_armed_hand_has_faults():
     assert asked.tick(FORWARD, link=DeviceLink.LOST).fault == ""
 
 
-# -- any acts of the operator --------------------------------------------------------------------
+# -- random actions of the operator --------------------------------------------------------------
 
 ticks = st.lists(
     st.tuples(
@@ -302,7 +302,7 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
         }
         was_armed = asked.armed
         if trouble == "input_ignored":
-            asked.disarm()  # The controller has, before it asks.
+            asked.disarm()  # The controller disarms before it reads the device.
             was_armed = False
         request = asked.tick(axes, *(("left",) if held else ()), link=link, age_s=age_s, **view)
         if request.asks or request.following:
@@ -321,7 +321,7 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
             assert view["inhibited"] == ""
         if request.armed:
             assert was_armed or request.newly_armed
-        # Whether device and dead-man were seen at rest since the last interruption.
+        # True if device and dead-man's switch were at rest since the last interruption.
         if trouble == "input_ignored" or request.fault or (held and view["inhibited"]):
             rested = False
         elif link is not DeviceLink.LIVE:
@@ -366,7 +366,7 @@ def test_motion_of_any_kind_is_asked_for(joints, axes, asks):
     assert asked.tick(axes).asks is False
 
 
-# -- fields of a request beside the twist ----------------------------------------------------------
+# -- fields of a request besides the twist ---------------------------------------------------------
 
 BACK = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BOTH = MappingOptions(clutch="right", deadman=("left",))
@@ -378,7 +378,7 @@ NO_NUMBERS = Pose(Vector3(math.nan, 0.0, 0.0), IDENTITY)
 
 
 def clutched(options, *held, pose=None):
-    """A source whose clutch was pressed and released."""
+    """An operator input after its clutch was pressed and released."""
     asked = Asked(options)
     asked.tick(pose=pose)
     assert asked.tick(REST, "right", *held, events=[press()], pose=pose).armed
@@ -436,16 +436,16 @@ def test_the_gripper_is_the_operator_s_who_drives():
     assert not mapping.gripper_closed
     asked.tick(REST, "left")
     asked.tick(REST, events=[press()])
-    assert not mapping.gripper_closed  # Armed, and the dead-man is not held.
+    assert not mapping.gripper_closed  # armed, with the dead-man's switch released
     asked.tick(REST, "left", events=[press()])
     assert mapping.gripper_closed
 
 
-# -- the hand's pose -------------------------------------------------------------------------------
+# -- the device's pose -----------------------------------------------------------------------------
 
 
 def posed(options=POSE):
-    """A source that follows a hand."""
+    """An operator input that follows the device's pose."""
     asked = Asked(options).seen(pose=HAND)
     asked.tick(REST, "left", pose=HAND)
     assert asked.armed
@@ -548,7 +548,7 @@ def test_a_hand_that_leaps_is_let_go():
     request = asked.tick(REST, "left", pose=far)
     assert request.fault == "the device's pose jumped: another hand, or the sensor lost it"
     assert not request.armed
-    assert posed().tick(REST, pose=far).fault == ""  # It is not followed.
+    assert posed().tick(REST, pose=far).fault == ""  # the pose is not followed here
 
 
 def test_deflections_mean_nothing_where_the_pose_is_followed():
@@ -636,7 +636,7 @@ def test_a_device_that_was_gone_was_not_let_go():
 
 def test_a_press_needs_a_button_that_was_seen_up():
     asked = Asked(CLUTCH)
-    # Nothing was seen before.
+    # no state has been read before
     assert not asked.tick(REST, "right", events=[press()]).arming_requested
     asked = Asked(CLUTCH)
     asked.tick(REST, "right")
@@ -713,7 +713,7 @@ def test_a_press_that_is_accepted_takes_back_why_the_one_before_was_not():
 
 
 class Filter:
-    """A filter that does as it is told."""
+    """A filter whose result the test sets."""
 
     name = "rule"
 
@@ -786,7 +786,7 @@ def test_what_filters_say_is_reported():
     )
 
 
-# -- words -----------------------------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------------------
 
 TWO = MappingOptions(deadman=("left", "right"))
 CLUTCHES = MappingOptions(clutch="right", deadman=("left", "up"))
@@ -832,7 +832,7 @@ CLUTCHES = MappingOptions(clutch="right", deadman=("left", "up"))
 )
 def test_how_to_go_on_is_reported(options, arming, axes, held, words):
     asked = Asked(options)
-    assert asked.source.advice("why; ", arming) == "why; "  # Nothing was seen of the device.
+    assert asked.source.advice("why; ", arming) == "why; "  # no state of the device has been read
     asked.tick(axes, *held, input_ignored=True)
     assert asked.source.advice("why; ", arming) == f"why; {words}"
 

@@ -83,7 +83,7 @@ def test_gripper_buttons_act_when_they_go_down():
     assert mapping.take_gripper(edges("2")) is False
     assert mapping.take_gripper(edges("3", "-3")) is True
     assert not mapping.gripper_closed
-    # two presses between two ticks are two presses
+    # two presses between two ticks count as two
     assert mapping.take_gripper(edges("1", "-1", "1")) is False
     assert mapping.take_gripper(edges("left")) is False
 

@@ -1,4 +1,4 @@
-"""Position control in virtual time: the TCP goes where the hand went, and never by a step."""
+"""Position control in virtual time: the TCP follows the device's motion, without a step."""
 
 import math
 
@@ -14,13 +14,14 @@ from tests.gateway.device_pose_bench import DT_S, HAND, START, DevicePoseBench, 
 
 
 class Bench(DevicePoseBench):
-    """A hand that is put somewhere, and is followed while a button is held."""
+    """A device at poses that the test sets, followed while a button is held."""
 
     def __init__(self, limits=None, **options):
         super().__init__(limits=limits, deadman=("clutch",), deflections=(0.0,) * 6, **options)
 
     def hand(self, pose=HAND, clutch=True):
-        """Send the hand to `pose`, as fast as hands are; without the clutch it is there at once."""
+        """Move the device to `pose` at the speed of a human hand; without the clutch it is there at
+        once."""
         buttons = frozenset({"clutch"} if clutch else ())
         self.device_goal = pose
         there = self.device.pose if clutch and "clutch" in self.device.buttons else pose
@@ -71,7 +72,7 @@ def test_axes_of_the_operator_who_stands_elsewhere():
 
 
 def test_axes_of_the_tool_and_of_a_turned_device():
-    """The 2023 paper's: H_start · R_L · δ · R_Lᵀ with R_L from leapFrameRPY."""
+    """Formula of the 2023 paper: H_start · R_L · δ · R_Lᵀ with R_L from leapFrameRPY."""
     bench = Bench(frame=Frame.TOOL, device_rpy_deg=(180.0, 0.0, -90.0)).engage()
     bench.hand(displaced(0.03, 0.01, 0.02, rx=0.1)).run(2.0)
     jump = from_euler_zyx(math.pi, 0.0, -math.pi / 2)
@@ -136,7 +137,7 @@ def test_a_hand_that_is_lost_takes_itself_off_the_robot(change):
     bench = Bench().engage()
     bench.hand(displaced(x=0.1)).run(0.2)
     good = bench.device
-    for _ in range(3):  # Once would do.
+    for _ in range(3):  # one would be enough
         bench.device = good._replace(**change)
         bench.device_goal = bench.device.pose
         bench.run()
@@ -145,11 +146,11 @@ def test_a_hand_that_is_lost_takes_itself_off_the_robot(change):
     bench.run(0.4)
     assert bench.core.at_rest
     assert bench.core.phase is Phase.DISARMED
-    where = bench.moved  # The same grip, as if nothing had been, does not count.
+    where = bench.moved  # continuing the same grip does not count
     bench.run(0.5)
     assert bench.moved == where
     bench.hand(clutch=False).run().hand(displaced(x=0.3)).run(0.5)
-    assert close(bench.moved, where)  # A new one does, from here.
+    assert close(bench.moved, where)  # a new grip starts from here
     assert bench.core.phase is Phase.HOLDING
 
 
@@ -165,7 +166,7 @@ def test_a_clutch_held_in_silence_does_not_count():
 @pytest.mark.matrix("Frame.BASE", "Frame.TOOL")
 @pytest.mark.parametrize("frame", list(Frame))
 def test_a_slip_moves_neither_axes_nor_anything_later(frame):
-    """A turn about another axis came before: a slip must not add up, nor turn into a motion."""
+    """After a turn about another axis, a slip must neither accumulate nor become a motion."""
     bench = Bench(frame=frame, slip_rad=0.3).engage()
     bench.hand(displaced(x=0.1, rx=1.4)).run(4.0)
     before = bench.moved

@@ -1,4 +1,4 @@
-"""A server of Cardan's in a thread of its own, and a plain client of rosbridge."""
+"""A server in a separate thread, and a plain rosbridge client."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cardan.gateway.servers.rosbridge import RosbridgeOptions, RosbridgeServer
 from tests.waiting import WITHIN_S
 
 WAIT_S = WITHIN_S
-"""Longest wait for messages that come at once."""
+"""Longest wait for an expected message."""
 
 
 class Running:
-    """A server that serves."""
+    """A running server."""
 
     def __init__(self, server, loop, ended):
         self.server, self.loop, self.ended = server, loop, ended
@@ -26,13 +26,13 @@ class Running:
 
 
 def rosbridge(network, **options):
-    """A rosbridge server of `network` at a free port."""
+    """A rosbridge server for `network` at a free port."""
     return served(lambda: RosbridgeServer(network, RosbridgeOptions(**{"port": 0, **options})))
 
 
 @contextmanager
 def served(make):
-    """The server that `make` makes, in the thread of its loop."""
+    """Run the server that `make` returns, in the thread of its loop."""
     ready = threading.Event()
     found, failed = [], []
 
@@ -61,7 +61,7 @@ def served(make):
     try:
         yield running
     finally:
-        with suppress(RuntimeError):  # It has ended already.
+        with suppress(RuntimeError):  # the server has already ended
             running.loop.call_soon_threadsafe(running.ended.set)
         thread.join(WAIT_S)
         assert not thread.is_alive()
@@ -70,7 +70,7 @@ def served(make):
 
 
 class PlainClient:
-    """Sends operations, and keeps other messages while it waits for one."""
+    """Sends operations, and stores other messages while it waits for one."""
 
     def __init__(self, connection):
         self.connection = connection
@@ -81,7 +81,7 @@ class PlainClient:
         self.connection.send(json.dumps({"op": op, **fields}))
 
     def receive(self):
-        """The next frame: an object of JSON, or bytes."""
+        """Next frame: a JSON object, or bytes."""
         if self.heard:
             return self.heard.pop(0)
         return self._next()
@@ -91,7 +91,7 @@ class PlainClient:
         return frame if isinstance(frame, bytes) else json.loads(frame)
 
     def call(self, service, args=None, **fields):
-        """The answer of a service, whole."""
+        """Call a service; return the whole response."""
         identity = f"call:{next(self.ids)}"
         given = {} if args is None else {"args": args}
         self.send("call_service", id=identity, service=service, **given, **fields)
@@ -103,18 +103,18 @@ class PlainClient:
             self.heard.append(frame)
 
     def subscribe(self, topic="/chatter", kind="std_msgs/msg/String", **fields):
-        """Subscribe; come back when the server has done it."""
+        """Subscribe, and wait until the server has done so."""
         self.send("subscribe", topic=topic, type=kind, **fields)
         self.settle()
 
     def settle(self):
-        """Come back when the server has done all that was sent before."""
+        """Wait until the server has processed all earlier messages."""
         answer = self.call("/rosapi/get_time")
         assert answer["result"]
 
 
 @contextmanager
 def plain_client(running, path="/", **options):
-    """A client without a library of ROS."""
+    """A client that uses no ROS library."""
     with connect(f"ws://127.0.0.1:{running.port}{path}", compression=None, **options) as connection:
         yield PlainClient(connection)

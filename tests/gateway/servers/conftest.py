@@ -1,4 +1,4 @@
-"""Servers in threads of the tests are patient."""
+"""Servers in the tests' threads tolerate pauses."""
 
 import pytest
 
@@ -9,8 +9,8 @@ STOOD_STILL_S = pause_detector.STOOD_STILL_S
 
 @pytest.fixture(autouse=True, scope="module")
 def who_waits_for_a_processor_has_not_stood_still():
-    """A thread on a computer with other work to do was seen to wait for over a second, and its
-    server cuts its clients off then, as it should."""
+    """On a busy computer a thread may wait over a second for a processor; its server would then,
+    correctly, disconnect its clients."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(pause_detector, "STOOD_STILL_S", 100.0)
         yield
@@ -18,5 +18,5 @@ def who_waits_for_a_processor_has_not_stood_still():
 
 @pytest.fixture
 def notices_pauses(monkeypatch):
-    """As users have it."""
+    """Detect pauses as in normal operation."""
     monkeypatch.setattr(pause_detector, "STOOD_STILL_S", STOOD_STILL_S)

@@ -1,4 +1,4 @@
-"""A network within one process, for tests: the network behind rosbridge, without a bus."""
+"""A network within one process: replaces the network behind rosbridge in tests."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ class _Publisher(_Handle):
 
 
 class MemoryNetwork:
-    """Calls back at once, in whatever thread publishes; a test may be another than the server's."""
+    """Calls callbacks at once in the publishing thread, which need not be the server's."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
         self.known: dict[str, str] = {}
-        """Types of topics that the test's node has."""
+        """Types of the topics of the test's node."""
         self.latched: dict[str, bytes] = {}
         self.subscriptions: list[tuple[str, str | None, Any]] = []
         self.publishers: list[tuple[str, str, bool]] = []
         self.servers: dict[str, tuple[str, str, Any]] = {}
         self.published: list[tuple[str, dict]] = []
-        """Messages that the server published, decoded."""
+        """Messages published by the server, decoded."""
         self.called: list[str] = []
         self.refuses = ""
 
@@ -119,13 +119,13 @@ class MemoryNetwork:
     # -- actions of a test -----------------------------------------------------------------------
 
     def publish(self, topic: str, type_name: str, stamp_ns: int = 1_500_000_000, **fields) -> None:
-        """Publish as another node."""
+        """Publish from another node."""
         self.known[topic] = type_name
         data = codec_of(type_name).encode(completed(type_name, fields))
         self.send(topic, data, stamp_ns)
 
     def latch(self, topic: str, type_name: str, **fields) -> None:
-        """Publish for later subscriptions, too."""
+        """Publish, also for later subscriptions."""
         self.latched[topic] = codec_of(type_name).encode(completed(type_name, fields))
         self.publish(topic, type_name, **fields)
 
@@ -136,7 +136,8 @@ class MemoryNetwork:
             each(cdr, stamp_ns)
 
     def offer(self, service: str, type_name: str, answer: Callable[[dict], Any]) -> None:
-        """Offer a service as another node; `answer` gives fields, a Failure, or None: no answer."""
+        """Offer a service of another node. `answer` returns the response's fields, a Failure, or
+        None for no response."""
         kind = service_type(type_name)
 
         def asked(request: bytes, answered: Any) -> None:
@@ -149,7 +150,7 @@ class MemoryNetwork:
         self.serve(service, type_name, asked, TEST_NODE)
 
     def ask(self, service: str, **fields) -> Any:
-        """Call a service, waiting: the response, or a Failure."""
+        """Call a service and wait: the response, or a Failure."""
         kind = service_type(self.servers[service][0])
         there = threading.Event()
         found = []

@@ -1,4 +1,4 @@
-"""Nodes on a network within the test: an action's server, and one with parameters."""
+"""Nodes on a network within the test: an action server, and a node with parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MOVE = "control_msgs/action/FollowJointTrajectory"
 
 
 class Mover:
-    """An action's server on the network."""
+    """An action server on the network."""
 
     def __init__(self, network, accepts=True, feedback=f"{MOVE}_FeedbackMessage"):
         self.network, self.accepts, self.feedback = network, accepts, feedback
@@ -49,7 +49,7 @@ class Mover:
 
 
 class Parameters:
-    """The parameters of a node on the network."""
+    """A node's parameters on the network."""
 
     def __init__(self, network, **values):
         self.values = {

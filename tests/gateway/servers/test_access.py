@@ -1,4 +1,4 @@
-"""Access by tokens, and how fast tokens can be guessed, in virtual time."""
+"""Access by tokens, and the rate limit of token guesses, in virtual time."""
 
 from __future__ import annotations
 
@@ -246,8 +246,8 @@ def test_what_can_be_no_token_is_a_guess_too():
 
 
 def test_the_bounds_of_guessing():
-    """As docs/safety-and-access.md and the docstrings count on: no more than 8640 guesses a day of
-    half a token, and one in a second of any."""
+    """docs/safety-and-access.md and the docstrings promise: at most 8640 guesses a day at half a
+    token, and one guess a second at any."""
     assert (BURST, FORGOTTEN_S) == (20, 10.0)
     assert (ADDRESS_BURST, ADDRESS_FORGOTTEN_S) == (200, 1.0)
     assert (BEGINNING_CHARACTERS, MOST_BEGINNINGS) == (8, 4096)

@@ -1,4 +1,4 @@
-"""Allow list of a server: the names that its clients may use."""
+"""Allow list of a server: names that its clients may use."""
 
 import pytest
 

@@ -12,7 +12,7 @@ from cardan.gateway.servers.web import ARRIVALS_PERIOD_S, MAX_ARRIVALS, Arrivals
 def test_a_frame_is_as_old_as_the_last_look_that_did_not_find_its_end():
     arrivals = Arrivals(0.0)
     arrivals.record(0, 1.0)
-    # The loop stood still for 0.6 s; two frames came meanwhile, the rest of a third one comes now.
+    # The loop was paused for 0.6 s; two whole frames arrived meanwhile, and part of a third.
     arrivals.read(200)
     arrivals.end_frame()
     arrivals.end_frame()
@@ -20,7 +20,7 @@ def test_a_frame_is_as_old_as_the_last_look_that_did_not_find_its_end():
     assert arrivals.take_frame() == arrivals.take_frame() == 1.0
     arrivals.read(100)
     arrivals.end_frame()
-    assert arrivals.take_frame() == 1.0  # 50 bytes of its portion were there.
+    assert arrivals.take_frame() == 1.0  # 50 bytes of the third frame had arrived then.
     arrivals.record(0, 1.7)
     arrivals.read(10)
     arrivals.end_frame()
@@ -45,7 +45,7 @@ def test_frames_get_older_while_there_is_no_room_or_more_comes_than_is_taken():
         now_s = 0.01 * cycle
         arrivals.read(1000)
         arrivals.end_frame()
-        if cycle < 10:  # Then the buffer is full, and nothing is noted.
+        if cycle < 10:  # Afterwards the buffer is full, and arrivals are no longer recorded.
             arrivals.record(0, now_s)
         age_s.append(now_s - arrivals.take_frame())
     assert max(age_s[:10]) <= 3 * ARRIVALS_PERIOD_S
@@ -54,7 +54,7 @@ def test_frames_get_older_while_there_is_no_room_or_more_comes_than_is_taken():
     for cycle in range(100):
         now_s = 0.01 * cycle
         arrivals.read(1000)
-        waiting += 1000  # As much again stays behind.
+        waiting += 1000  # as many bytes stay unread
         arrivals.record(waiting, now_s)
         arrivals.end_frame()
         age_s.append(now_s - arrivals.take_frame())
@@ -75,7 +75,7 @@ def test_what_arrived_while_the_server_stood_still_in_the_midst_of_a_look_is_old
     clock = SimpleNamespace(now_s=1.0)
 
     def looks(_socket):
-        clock.now_s += 1.0  # It stands still.
+        clock.now_s += 1.0  # a pause
         return 100
 
     monkeypatch.setattr(web, "has_room", lambda _: True)

@@ -1,4 +1,4 @@
-"""Attacks of unauthorized clients on each server that has a web server.
+"""Attacks by unauthorized clients on each server with a web server.
 
 See docs/safety-and-access.md.
 """
@@ -50,12 +50,12 @@ class Target(NamedTuple):
     path: str
     headers: tuple[str, ...]
     welcome: int
-    """Status of the answer."""
+    """HTTP status for an authorized client."""
     subprotocols: tuple[str, ...] = ()
-    """Those that a client asks for."""
+    """WebSocket subprotocols that a client requests."""
 
     def request(self, path=None, host="localhost", *more):
-        """The bytes of a request."""
+        """Bytes of a request."""
         asked = (f"Sec-WebSocket-Protocol: {each}" for each in self.subprotocols)
         first = f"GET {path or self.path} HTTP/1.1", f"Host: {host}"
         lines = (*first, *self.headers, *asked, *more)
@@ -111,7 +111,7 @@ def status(data):
 
 
 def answer(running, data):
-    """The head of what is answered to a request; empty: it was hung up on."""
+    """Head of the response to a request; empty if the server closed the connection."""
     with opened(running) as connection:
         with contextlib.suppress(ConnectionError):
             connection.sendall(data)
@@ -127,7 +127,7 @@ def head(connection):
 
 
 def all_of(connection):
-    """Bytes that come until the connection is closed."""
+    """Bytes until the connection is closed."""
     received = b""
     with contextlib.suppress(ConnectionError):
         while more := connection.recv(65536):
@@ -136,13 +136,13 @@ def all_of(connection):
 
 
 def welcomed(target, connection):
-    """Return whether an authorized client is let in on this connection."""
+    """Return whether an authorized client is accepted on this connection."""
     connection.sendall(target.request(target.path_with(TOKEN)))
     return status(head(connection)) == target.welcome
 
 
 def comes_in(target, running):
-    """Return whether an authorized client still connects."""
+    """Return whether an authorized client can still connect."""
     return status(answer(running, target.request(target.path_with(TOKEN)))) == target.welcome
 
 
@@ -182,7 +182,7 @@ def test_guesses_are_counted(target, running):
     tries = 0
     while status(said := answer(running, wrong)) == 401:
         tries += 1
-    # On a slow computer the first ones are forgotten meanwhile.
+    # On a slow computer, the first guesses have expired meanwhile.
     assert tries >= BURST
     assert status(said) == 429
     assert 0 < int(re.search(rb"Retry-After: (\d+)", said)[1]) <= FORGOTTEN_S
@@ -229,14 +229,15 @@ def test_foreign_pages_and_names_stay_out_even_with_the_token(target, running, h
     ],
 )
 def test_garbage_and_what_is_too_long_is_refused(target, monkeypatch, data):
-    monkeypatch.setattr(web, "HANDSHAKE_S", 0.5)  # It may be the beginning of a line.
+    # The data may be the beginning of a line, so the server waits.
+    monkeypatch.setattr(web, "HANDSHAKE_S", 0.5)
     with target.serve(token=TOKEN) as running:
         said = answer(running, data)
         assert said == b"" or status(said) >= 400
         assert comes_in(target, running)
 
 
-# -- slow and many --------------------------------------------------------------------------------
+# -- slow clients and many clients ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("begun", [b"", b"GET / HTTP/1.1\r\nHost: loc"])
@@ -261,7 +262,7 @@ def test_who_says_a_little_all_the_time_is_hung_up_on(target, monkeypatch):
 
 
 def stays(target, running):
-    """A client that is there, where clients stay."""
+    """A connected client, if the server has lasting connections."""
     if target.welcome != 101:
         return contextlib.nullcontext()
     return connect(
@@ -271,18 +272,18 @@ def stays(target, running):
 
 
 AT_ONCE = 100
-"""Connections that come at once. The server has one processor with them here: it would stand still
-for want of that."""
+"""Number of simultaneous new connections. Server and clients share one processor here, so that more
+of them would count as a pause of the server."""
 
 
 def wait_until_taken(front, connection):
-    """Wait until the server has this connection of ours."""
+    """Wait until the server has accepted this connection."""
     address = connection.getsockname()
     until(lambda: address in {each.remote_address for each in [*front._unknown]})
 
 
 def keep_many_open(target, running, count):
-    """Open connections that say nothing; the last 300 stay, as far as they may."""
+    """Open idle connections; the newest 300 stay open, as far as the server allows."""
     front = running.server._listener
     retained, most = deque(), 0
     with stays(target, running):
@@ -305,11 +306,12 @@ def keep_many_open(target, running, count):
 
 
 def test_as_many_as_come_at_once_are_kept_by_the_system(running):
-    """A client too many is dropped without a word, and tries again a second later."""
+    """The kernel drops a connection beyond the backlog, and its client retries a second later."""
     (listening,) = running.server._listener._server.sockets
     with listening.dup() as same:
         info = same.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 32)
-    (retained,) = struct.unpack_from("=I", info, 28)  # Of one that listens, tcpi_sacked is this.
+    # in a listening socket, tcpi_sacked is the backlog
+    (retained,) = struct.unpack_from("=I", info, 28)
     allowed = int(Path("/proc/sys/net/core/somaxconn").read_text())
     assert retained == min(web.BACKLOG, allowed)
 
@@ -341,7 +343,7 @@ def by_tls(running, certificate):
 
 
 class Tap:
-    """Man in the middle: carries one connection, and keeps the client's bytes."""
+    """Man in the middle: forwards one connection, and stores the client's bytes."""
 
     def __init__(self, port):
         self._there = port
@@ -420,11 +422,11 @@ def test_connections_that_speak_no_tls_are_hung_up_on(target, certificate, monke
 
 
 def test_what_a_refused_client_sends_later_is_not_heard(target, running):
-    """Two requests in one go: the second one is no way round the first one's answer."""
+    """Two requests at once: the second one must not bypass the refusal of the first."""
     with opened(running) as connection:
         connection.sendall(target.request() + target.request(target.path_with(TOKEN)))
         received = all_of(connection)
-    # It is hung up on with the second one unread; that may take the answer with it.
+    # The server closes with the second request unread, which may discard the response.
     assert received == b"" or status(received) == 401
     assert b"HTTP/1.1 %d" % target.welcome not in received
     assert running.server.clients == 0

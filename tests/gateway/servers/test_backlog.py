@@ -1,4 +1,4 @@
-"""Messages sent faster than they can be handled are dropped, not acted on late."""
+"""Messages sent faster than a server can handle them are dropped, not executed late."""
 
 import json
 import subprocess
@@ -22,11 +22,11 @@ pytestmark = pytest.mark.matrix
 TWIST, EMPTY = "geometry_msgs/msg/Twist", "std_msgs/msg/Empty"
 STALLED_S = STALE_S + 0.3
 HANDLED_S = 0.1
-"""In which what was read in time is published."""
+"""Time within which a message that was read in time is published."""
 
 
 def stall(running):
-    """Have a server's loop do nothing for a moment; come back when it has begun."""
+    """Block a server's loop for a moment; return once it is blocked."""
     begun = threading.Event()
 
     def sleep():
@@ -105,13 +105,13 @@ except OSError:
     pass
 print(ended_s)
 """
-"""A process of its own: threads of the server's would only have their turn when it allows."""
+"""A separate process, because a thread would share the interpreter with the server's."""
 
 
 @contextmanager
 def flood(client, seconds):
-    """Publish as fast as it goes, in another process; gives what tells when it handed over the
-    last byte."""
+    """Publish as fast as possible, in another process; yields a function that returns the time of
+    the last byte."""
     text = json.dumps({"op": "publish", "topic": "/cmd", "msg": {"linear": {"x": 0.1}}})
     portion = 200 * Frame(Opcode.TEXT, text.encode()).serialize(mask=True)
     number = client.connection.socket.fileno()
@@ -147,7 +147,8 @@ def test_a_client_that_sends_more_than_can_be_handled_is_disconnected_with_the_r
 @pytest.mark.parametrize("seconds", [0.5, 1.2, 2.0])
 def test_nothing_is_published_late_after_a_flood_has_ended(seconds):
     def published_late():
-        """By how much the newest one was, s; and why that counts for nothing, or ""."""
+        """Delay of the newest published message, s; and the reason if this run does not count, or
+        ""."""
         network = MemoryNetwork()
         with Pauses() as pauses, rosbridge(network) as running, plain_client(running) as client:
             client.send("advertise", topic="/cmd", type=TWIST)
@@ -158,7 +159,7 @@ def test_nothing_is_published_late_after_a_flood_has_ended(seconds):
                 ended_s = ended()
             try:
                 client.settle()
-            except (ConnectionClosed, OSError):  # It was disconnected.
+            except (ConnectionClosed, OSError):  # the flooding client was disconnected
                 until(lambda: running.server.clients == 0)
             assert network.published
         late_s = newest_s[0] - ended_s - STALE_S

@@ -1,4 +1,4 @@
-"""A client that comes back from its address has its number again."""
+"""A client that reconnects from its address gets its number again."""
 
 from cardan.gateway.servers.numbers import CAPACITY, RETENTION_S, ClientNumbers
 
@@ -8,7 +8,7 @@ def test_who_comes_back_has_its_number_and_who_is_here_keeps_it():
     with numbers.of("10.0.0.1") as first, numbers.of("10.0.0.1") as second:
         assert (first, second) == (1, 2)
     with numbers.of("10.0.0.2") as other, numbers.of("10.0.0.1") as again:
-        assert (other, again) == (3, 1)  # That of the one that left last.
+        assert (other, again) == (3, 1)  # number of the last client that left
 
 
 def test_numbers_are_forgotten_after_an_hour_and_before_they_fill_the_memory():

@@ -1,4 +1,4 @@
-"""Messages sent to a server that stood still move nothing when it goes on."""
+"""Messages sent to a server during a pause move nothing when the server continues."""
 
 import threading
 import time
@@ -23,7 +23,7 @@ TWIST = "geometry_msgs/msg/Twist"
         (STOOD_STILL_S, 0.0, False),
         (STOOD_STILL_S + 0.1, 0.05, True),
         (3600.0, 0.1, True),
-        (3.0, 2.5, False),  # Busy with a large frame.
+        (3.0, 2.5, False),  # a large frame, not a pause
     ],
 )
 def test_who_did_nothing_for_long_stood_still(passed_s, worked_s, still):
@@ -37,7 +37,7 @@ def test_who_did_nothing_for_long_stood_still(passed_s, worked_s, still):
 
 
 def stand_still(stands, patched):
-    """In a server's loop: the only pause that is noticed."""
+    """Block a server's loop, with the detection of pauses in effect."""
     patched.setattr(pause_detector, "STOOD_STILL_S", STOOD_STILL_S)
     stands.set()
     time.sleep(STOOD_STILL_S + 0.5)

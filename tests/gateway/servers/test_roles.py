@@ -93,7 +93,8 @@ def test_a_viewer_of_rosbridge_commands_nothing(network, bridge, asked, may_not)
 
 
 def test_a_viewer_stops_an_arm_and_nothing_else(network, bridge):
-    """Stopping needs no authority; a Trigger of another node, whatever its name, may command."""
+    """Stopping needs no authority. Another node's Trigger service may command, whatever its
+    name."""
     stopped = []
     for service in ("/arm/stop", "/arm/enable"):
         network.offer(

@@ -1,4 +1,4 @@
-"""The rosbridge server, on a network within the test, heard by a plain WebSocket client."""
+"""The rosbridge server on a network within the test, with a plain WebSocket client."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_what_is_latched_comes_to_every_subscription(network, running):
 
 
 def test_what_several_nodes_have_latched_comes_whole(network, client):
-    """Each arm has its own last message on /tf_static: none of them is in another one's place."""
+    """Each arm has its own latched message on /tf_static; no message replaces another arm's."""
     network.latch("/tf_static", STRING, data="one")
     client.subscribe("/tf_static", throttle_rate=50)
     for name in ("two", "three"):
@@ -196,7 +196,8 @@ def test_a_header_has_the_time_now(network, client):
 
 
 def test_frames_that_come_together_have_times_of_their_own(network, client):
-    """As seconds, too: an arm refuses what was sent at the same time as what it did before."""
+    """The times differ even in seconds: an arm refuses a message with the same time as the one
+    before."""
     client.send("advertise", topic="/target", type=POSE)
     client.settle()
     frame = json.dumps({"op": "publish", "topic": "/target", "msg": {}}).encode()
@@ -363,8 +364,8 @@ def test_calls_without_answer_are_bounded(network, client):
 
 
 def asked_by_the_network(network, client, service, **fields):
-    """A service that the client offers is called: the thread that asks, what the client hears of
-    it, and where the answer comes."""
+    """Call a service that the client offers: returns the calling thread, the client's request, and
+    the list that gets the response."""
     client.send("advertise_service", service=service, type="std_srvs/SetBool")
     client.settle()
     answers = []
@@ -619,12 +620,12 @@ UPGRADE = (
 
 
 def masked(**fields):
-    """A text frame of a client."""
+    """A client's text frame."""
     return Frame(Opcode.TEXT, json.dumps(fields).encode()).serialize(mask=True)
 
 
 def test_a_client_that_answers_no_ping_is_gone(network, monkeypatch):
-    """As one whose cable was pulled: what it asked for without an end must end."""
+    """Such as a client whose cable was unplugged: its endless motions must end."""
     monkeypatch.setattr(web, "PING_INTERVAL_S", 0.05)
     monkeypatch.setattr(web, "PING_TIMEOUT_S", 0.1)
     with (
@@ -661,8 +662,8 @@ def test_a_message_is_encoded_once_for_all_clients(network, running, monkeypatch
 
 
 def test_a_client_that_does_not_read_its_answers_is_closed(network, running):
-    """It asks again when its request was read: none waits for so long that it would be closed for
-    that, on a busy computer."""
+    """The client sends a request only after the server read the previous one: on a busy computer,
+    no request may wait so long that the server closes for that."""
     answered = []
 
     def stop(_request):
@@ -849,14 +850,14 @@ def test_a_token_in_the_address_lets_in_and_is_in_no_log(network, caplog, path):
         client.settle()
         refused = refusal(running, path.replace(TOKEN, f"{TOKEN}x"))
     assert refused == 401
-    # The client's own library logs its messages.
+    # the client library logs its messages
     said = [each for each in caplog.records if each.name != "websockets.client"]
     assert said
     assert not [each for each in said if "0123456789" in each.getMessage() + str(each.exc_info)]
 
 
 def refusal(running, path="/", **options):
-    """The status of a request that is refused."""
+    """Status message about a request that is refused."""
     with (
         pytest.raises(InvalidStatus) as refused,
         connect(f"ws://127.0.0.1:{running.port}{path}", **options),

@@ -1,5 +1,5 @@
-"""Goals and their cancellations by rosbridge, without sockets: a client beside a network within the
-test."""
+"""Goals and their cancellation through rosbridge, without sockets: a client and a network within
+the test."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.gateway.servers.nodes import MOVE
 
 
 class Part(MemoryNetwork):
-    """The client's part of a network, on which nothing can be done once it has left."""
+    """A client's part of a network, unusable once the client has left."""
 
     def __init__(self, whole):
         super().__init__()
@@ -38,7 +38,7 @@ class Part(MemoryNetwork):
 
 
 class SlowServer:
-    """An action's server that accepts a goal when it is told to, and knows it from then on."""
+    """An action server that accepts a goal when the test says so, and knows it from then on."""
 
     def __init__(self, network):
         self.goals, self.asked, self.waiting, self.codes = Goals(), [], {}, []
@@ -51,7 +51,7 @@ class SlowServer:
         self.asked.append((bytes(goal["goal_id"]["uuid"]), answered))
 
     def accept(self, accepted=True):
-        """Answer the goal that came first."""
+        """Reply to the oldest goal request."""
         goal_id, answered = self.asked.pop(0)
         if accepted:
             self.goals.accept(goal_id, 0, 0.0)
@@ -59,7 +59,7 @@ class SlowServer:
         answered(codec_of(kind).encode(completed(kind, {"accepted": accepted})))
 
     def cancel(self, request):
-        # As servers do that do not remember what they do not know.
+        # Like servers that do not remember cancellations of unknown goals.
         goal = self.goals.find(bytes(request["goal_info"]["goal_id"]["uuid"]))
         if goal is None:
             self.codes.append(CancelCode.UNKNOWN_GOAL_ID)
@@ -88,7 +88,7 @@ class SlowServer:
 
 
 class Bench:
-    """A client and the server of an action."""
+    """A client, and the action server."""
 
     def __init__(self):
         self.whole = MemoryNetwork()
@@ -117,12 +117,12 @@ class Bench:
         self.client.receive(json.dumps(given))
 
     async def settle(self):
-        """Until nothing more happens."""
+        """Wait until nothing more happens."""
         for _ in range(20):
             await asyncio.sleep(0)
 
     def leave(self):
-        """The client is gone, and its part of the network is closed."""
+        """Disconnect the client, and close its part of the network."""
         self.client._leave()
         self.part.left = True
 
@@ -136,7 +136,7 @@ async def a_goal():
 
 
 def in_loop(test):
-    """Run the coroutine that a test is."""
+    """Run a test that is a coroutine."""
 
     def run():
         asyncio.run(test())
@@ -183,7 +183,7 @@ async def test_a_goal_that_is_not_accepted_needs_no_more_canceling():
 
 @in_loop
 async def test_a_goal_whose_acceptance_does_not_come_is_canceled():
-    # The client is told that it failed, so nobody would end it.
+    # The client gets a failure, and would never cancel the goal.
     async with a_goal() as bench:
         goal_id, answered = bench.server.asked.pop()
         bench.server.goals.accept(goal_id, 0, 0.0)
@@ -217,7 +217,7 @@ async def test_a_client_that_cancels_and_leaves_has_none():
 
 @in_loop
 async def test_a_client_that_leaves_asks_at_once_too():
-    # The client's handler may end with it, before the goal is accepted.
+    # The client's handler may end before the goal is accepted.
     async with a_goal() as bench:
         bench.leave()
         assert bench.server.codes == [CancelCode.UNKNOWN_GOAL_ID]

@@ -1,5 +1,5 @@
-"""The rosbridge server, judged by the clients that people have, as they are: roslibpy, roslib 1.4
-and 2.1; and by what Lichtblick does when it connects."""
+"""The rosbridge server, judged by unmodified client libraries: roslibpy, roslib 1.4 and 2.1; and by
+the requests that Lichtblick sends when it connects."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 
 
 class World:
-    """Network of a client: topics that speak when it is ready, services, parameters, an action."""
+    """Network for a client: topics published once it is ready, services, parameters, an action."""
 
     def __init__(self) -> None:
         self.network = network = MemoryNetwork()
@@ -47,7 +47,7 @@ class World:
         )
 
     def speak(self, _request):
-        """Publish something on each topic."""
+        """Publish one message on each topic."""
         position = {"x": 1, "y": 2.5, "z": -3}
         self.network.publish(
             "/state/pose", POSE, header={"frame_id": "base"}, pose={"position": position}
@@ -58,7 +58,7 @@ class World:
         return {"success": True}
 
     def poke(self, _request, answered):
-        """Call what the client offers, in a thread, as it answers in its own time."""
+        """Call the client's service in a thread, because the reply may take time."""
 
         def ask():
             found = self.network.ask("/client_srv", data=True)
@@ -68,7 +68,7 @@ class World:
         threading.Thread(target=ask).start()
 
     def move(self, mover, answered):
-        """Say how the goal goes, and that it has come to its end."""
+        """Publish the goal's feedback, and report its end."""
         mover.answered = answered
         mover.feed_back(mover.goals[-1]["goal_id"]["uuid"])
         mover.end(4, error_string="arrived")
@@ -80,7 +80,7 @@ def world():
 
 
 def reported(command, folder=None):
-    """Return the output of a program: one JSON object."""
+    """Return a program's output, a JSON object."""
     result = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False
     )
@@ -89,7 +89,7 @@ def reported(command, folder=None):
 
 
 def check_common(found, world):
-    """Check the results that every client must have."""
+    """Check the results that every client must report."""
     assert found["pose"]["header"]["frame_id"] == "base"
     assert found["pose"]["pose"]["position"] == {"x": 1, "y": 2.5, "z": -3}
     assert found["description"] == {"data": "<robot/>"}
@@ -342,7 +342,7 @@ async function own() {
 
 @pytest.fixture(params=[False, True], ids=["plain", "compressed"])
 def serving(request, world):
-    """With permessage-deflate, which Node offers, and without."""
+    """The server with and without permessage-deflate, which Node's client offers."""
     with rosbridge(world.network, compress=request.param) as running:
         yield running
 
@@ -385,12 +385,13 @@ def test_roslib_2(world, serving):
 
 
 def test_what_lichtblick_does_when_it_connects(world):
-    """lichtblick-suite : packages/suite-base/src/players/RosbridgePlayer.ts, step by step."""
+    """Connect like lichtblick-suite (packages/suite-base/src/players/RosbridgePlayer.ts), step by
+    step."""
     network = world.network
     with rosbridge(network) as running, plain_client(running) as client:
         answer = client.call("rosapi/topics_and_raw_types", {})["values"]
         texts = dict(zip(answer["topics"], answer["typedefs_full_text"], strict=True))
-        # It takes the graph for one of ROS 2 where this type is among the topics.
+        # Lichtblick detects ROS 2 by this type among the topics.
         assert "rcl_interfaces/msg/Log" in answer["types"]
         assert all(texts.values()), "a definition of each topic"
         assert "\n" + "=" * 80 + "\nMSG: std_msgs/Header\n" in texts["/state/pose"]
@@ -408,7 +409,7 @@ def test_what_lichtblick_does_when_it_connects(world):
         assert decoded["header"]["frame_id"] == "base"
         network.publish("/rosout", "rcl_interfaces/msg/Log", msg="hello")
         assert cbor2.loads(client.receive())["topic"] == "/rosout"
-        # Every three seconds it asks again.
+        # Lichtblick repeats this every three seconds.
         assert client.call("rosapi/topics_and_raw_types", {})["result"]
         assert client.call("rosapi/service_type", {"service": "/stop"})["values"]["type"] == TRIGGER
         assert client.call("/stop", {})["values"]["success"]

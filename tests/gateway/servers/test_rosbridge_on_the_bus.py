@@ -1,4 +1,4 @@
-"""The rosbridge server on the Zenoh bus: messages of other nodes reach a client, and back."""
+"""The rosbridge server on Zenoh: messages of other nodes reach a client, and vice versa."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def repeat(publisher, over):
 
 @pytest.fixture
 def nodes():
-    """The node of a robot, and the one of the server, which have met."""
+    """A robot's node and the server's node, after they have discovered each other."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -67,7 +67,7 @@ def test_a_client_meets_a_node_on_the_bus(nodes):
         assert client.receive()["msg"] == {"data": "<robot/>"}
         client.send("subscribe", topic="/chatter")
         client.settle()
-        # A subscription is in the graph a moment before messages reach it.
+        # A subscription appears in the graph a moment before messages reach it.
         repeated = threading.Event()
         repeating = threading.Thread(target=repeat, args=(speaker, repeated))
         repeating.start()

@@ -1,4 +1,4 @@
-"""Files of tokens."""
+"""Token files."""
 
 import stat
 

@@ -1,4 +1,4 @@
-"""No client of a server makes the others wait for all that it has sent."""
+"""A client with many queued messages does not delay the other clients."""
 
 import threading
 
@@ -23,7 +23,7 @@ def test_a_client_that_sends_much_at_once_has_one_turn_after_the_other():
             if not turns:
                 before.wait(20.0)
             turns.append("client")
-            if len(turns) == 2:  # All others have arrived together with it.
+            if len(turns) == 2:  # all others arrived together with it
                 running.loop.call_soon_threadsafe(turns.append, "other")
             return advertise(*asked)
 

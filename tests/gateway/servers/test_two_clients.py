@@ -1,4 +1,4 @@
-"""Two clients or nodes that stream at once, over each network: one moves the arm."""
+"""Two clients or nodes stream at the same time, on each network: one moves the arm."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.matrix
 TOPIC, TWIST = "/servo_node/delta_twist_cmds", "geometry_msgs/msg/TwistStamped"
 PERIOD_S = 0.02
 SHARE = 0.25
-"""Of MoveIt Servo's full speed: 0.1 m/s."""
+"""Fraction of MoveIt Servo's full speed, which makes 0.1 m/s."""
 
 
 def fields(share, stamp_ns=0):
@@ -42,7 +42,7 @@ def encoded(share, stamp_ns=0):
 
 
 class Streaming:
-    """A client that publishes at 50 Hz until the end."""
+    """A client that publishes at 50 Hz until it ends."""
 
     def __init__(self, publish, share):
         self._publish, self._share, self._over = publish, share, threading.Event()
@@ -62,7 +62,7 @@ class Streaming:
 
 
 class Zenoh:
-    """Two nodes on the bus itself."""
+    """Two nodes on Zenoh itself."""
 
     def __init__(self, here, stack):
         self.here, self.stack = here, stack
@@ -104,7 +104,7 @@ class Rosbridge:
 
 
 class Dds:
-    """Two nodes on DDS, by the bridge."""
+    """Two nodes on DDS, through the bridge."""
 
     def __init__(self, here, stack):
         pytest.importorskip("cyclonedds", reason="cyclonedds: pip install cardan[dds]")
@@ -143,7 +143,7 @@ def bridge(here):
 
 
 class Joined:
-    """Resources of a client, until it leaves."""
+    """Resources of a client until it leaves."""
 
     def __init__(self, transport, name):
         self._stack = ExitStack()

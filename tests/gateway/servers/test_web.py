@@ -1,5 +1,4 @@
-"""The options that every server with a WebSocket server has: where its token is, and its
-certificate."""
+"""Options of every WebSocket server: places of its token and its certificate."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ def no_token_around(monkeypatch):
 
 @pytest.fixture
 def state(tmp_path, monkeypatch):
-    """An empty folder of the user's state."""
+    """An empty state folder of the user."""
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     return tmp_path
@@ -122,7 +121,7 @@ def test_two_tokens_are_one_too_many():
 
 
 def test_no_command_line_has_the_token():
-    """Every user of the machine sees every command line."""
+    """Every user of a computer can read every command line."""
     from cardan.cli.options_from_dataclass import all_given
 
     flags = {each.flag for each in all_given(WebOptions, described=True)}
@@ -135,11 +134,11 @@ def test_where_it_serves_is_an_address_that_clients_can_open():
     assert WebOptions(host="::1", certificate="c", key="k").endpoint(9) == "wss://[::1]:9"
 
 
-# -- tokens that are made -------------------------------------------------------------------------
+# -- generated tokens -----------------------------------------------------------------------------
 
 
 def away(**options):
-    """Options of a server that other computers reach."""
+    """Options of a server that is reachable from other computers."""
     return WebOptions(host="0.0.0.0", plaintext=True, **options)
 
 
@@ -204,7 +203,7 @@ def openssl(*words):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Files of certificates and keys, good and bad."""
+    """Valid and invalid files of certificates and keys."""
     folder = tmp_path_factory.mktemp("tls")
     for name in ("one", "other"):
         openssl(
@@ -220,7 +219,7 @@ def made(tmp_path_factory):
 
 
 def opened(**options):
-    """Listen, and end."""
+    """Open and close a listener."""
 
     async def run():
         front = WebSocketListener(

@@ -1,4 +1,4 @@
-"""Velocity bounds: never empty, and no joint ever passes its limit or its acceleration."""
+"""Velocity bounds: never empty, and no joint exceeds its range or its acceleration."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The compiled servo: held to its oracles, given nonsense, and loaded."""
+"""The compiled servo: compared with its oracles, called with invalid values, and loaded."""
 
 import ctypes
 import gc
@@ -31,7 +31,7 @@ DT_S = 0.004
 STILL = np.zeros((2, 3))
 
 MAX_ITERATIONS = 120
-"""Of one program: program.h."""
+"""Limit for one quadratic program, as in program.h."""
 
 
 def made(name="ur5", **options):
@@ -69,7 +69,7 @@ def test_programs_have_daqps_solutions_or_better_ones(degenerate):
 
 
 def test_a_row_of_rounding_constrains_nothing():
-    """As of a body that turns about its own axis beside an obstacle that it overlaps."""
+    """As for a body that turns about its own axis next to an obstacle that it overlaps."""
     free = servo_oracles.Program(
         np.eye(3), np.array((-1.0, 2.0, 0.0)), np.full(3, -9.0), np.full(3, 9.0),
         np.zeros((1, 3)), np.zeros(1),
@@ -116,7 +116,7 @@ def test_sliding_and_endless_joints_are_pinocchios_and_the_servos(monkeypatch):
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32), st.sampled_from([0.0, 0.016, 0.3]), st.sampled_from([0.01, 1.0]))
 def test_a_lagging_robot_is_expected_where_the_servo_in_python_expects_it(seed, lag_s, step):
-    """On a grid, so that several places of the past are equally near."""
+    """On a grid, so that several past positions are equally near."""
     kinematics, rng = ArmKinematics(parse_urdf(PRISMATIC)), np.random.default_rng(seed)
     servos = Servo(kinematics), CompiledServo(kinematics)
     for servo in servos:
@@ -145,9 +145,9 @@ def test_the_smallest_eigenvalue_is_numpys(n):
     generator, library = np.random.default_rng(n), native.kernel_library()
     for case in range(400):
         factor, digits = generator.normal(size=(n, n)) * 10.0 ** generator.uniform(-6, 0, n), 1e-13
-        if case % 4 == 1:  # All of a few sizes, many of them the same.
+        if case % 4 == 1:  # few distinct eigenvalues, many of them equal
             factor, digits = np.linalg.qr(factor)[0] * generator.integers(1, 3, n), 1e-12
-        elif case % 4 == 2:  # Next to singular, or singular.
+        elif case % 4 == 2:  # nearly or exactly singular
             factor[:, -1] = factor[:, 0] * (1.0 + generator.choice([0.0, 1e-9, 1e-5]))
         elif case % 4 == 3:
             factor = np.diag(10.0 ** generator.integers(-8, 3, n))
@@ -158,7 +158,7 @@ def test_the_smallest_eigenvalue_is_numpys(n):
 
 
 # ---------------------------------------------------------------------------------------------
-# Nonsense
+# Invalid values
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
@@ -282,7 +282,7 @@ def test_memory_of_a_servo_outlives_it():
 
 
 def altered(change):
-    """The call that makes a kernel of the UR5, with `change` of what it is given."""
+    """Make a compiled servo of the UR5, after `change` of its arguments."""
     kinematics = ArmKinematics(load_arm("ur5"))
     collision = CollisionModel(kinematics)
     change(kinematics, collision)
@@ -317,7 +317,7 @@ def test_an_arm_that_it_cannot_take_is_refused_in_words(change, words):
 
 
 def test_what_is_far_away_hides_nothing_near():
-    """Only the nearest pair, and pairs that could meet, are computed to the end."""
+    """Only the nearest pair and pairs that could touch are computed completely."""
     generator = np.random.default_rng(5)
     boxes = [
         box_obstacle(f"box {i}", Vector3(*low), Vector3(*(low + generator.uniform(0.02, 0.3, 3))))
@@ -342,7 +342,7 @@ def test_what_is_far_away_hides_nothing_near():
 
 
 def chain(shapes):
-    """Text of an arm with a joint between any two links, which have these shapes."""
+    """URDF of an arm with a joint between consecutive links, which have these shapes."""
     links = "".join(
         f'<link name="l{i}"><collision><origin xyz="0 0 0.1" rpy="0.3 {0.1 * i} 0.2"/>'
         f"<geometry>{shape}</geometry></collision></link>"
@@ -397,7 +397,7 @@ def test_a_changed_tool_counts_from_the_next_tick():
 
 
 # ---------------------------------------------------------------------------------------------
-# Loading and choice
+# Loading and selection
 
 
 def test_the_compiled_one_is_chosen_wherever_there_is_one():
@@ -449,15 +449,15 @@ def test_both_languages_agree_on_every_field():
 
 
 # ---------------------------------------------------------------------------------------------
-# What a tick may take.
+# Resources of a tick
 
 SOURCES = native.library_path().parent / "kernel"
 
 OPTIMIZED = ("-O3", "-fno-tree-vectorize")
-"""As tools/native compiles it."""
+"""Compiler flags of tools/native."""
 
 HARMLESS = {"atan2", "cos", "memcpy", "memset", "remainder", "sin", "sqrt"}
-"""Functions of C's library that take neither memory nor a lock, and end."""
+"""Functions of the C library that terminate, and use neither the heap nor a lock."""
 
 LARGEST_FRAME_BYTES = 4096
 
@@ -467,7 +467,8 @@ LARGEST_FRAME_BYTES = 4096
     None in (shutil.which("cc"), shutil.which("nm")), reason="no C compiler, or no nm beside it"
 )
 def test_a_tick_takes_no_memory_and_asks_the_system_for_nothing(tmp_path):
-    """Holds for all calls from outside of `create.c`, which runs before the first tick."""
+    """Checks all calls of other functions, except in `create.c`, which runs before the first
+    tick."""
     theirs, ours = set(), set()
     for source in sorted(SOURCES.glob("*.c")):
         made = tmp_path / f"{source.stem}.o"
@@ -510,11 +511,11 @@ def test_a_tick_leaves_nothing_in_python():
         return sys.getallocatedblocks() - before
 
     ticks(200)
-    assert any(left() < 50 for _ in range(3))  # Other threads may keep something once.
+    assert any(left() < 50 for _ in range(3))  # other threads may allocate once
 
 
 def test_the_iterations_of_the_worst_tick_are_counted():
-    """Goals that jump about between obstacles, as no operator's do."""
+    """Goals that jump between obstacles, unlike any operator's."""
     kinematics = ArmKinematics(load_arm("pr2_right_arm"))
     boxes = [
         box_obstacle(

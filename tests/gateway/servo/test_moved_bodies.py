@@ -1,4 +1,4 @@
-"""Bodies that others move: where both servos take them to be, and how far away they are kept."""
+"""Bodies moved by others: their places in both servos, and the distances kept from them."""
 
 import math
 
@@ -43,7 +43,7 @@ def compiled_distances(servo, q):
 
 
 def test_moved_bodies_are_where_pinocchio_and_coal_have_them():
-    """Against one model of both arms, whose joints move all of its shapes."""
+    """Compared with one model of both arms, whose joints move all shapes."""
     generator = np.random.default_rng(3)
     movers = (*OTHER.shapes, BRICK)
     servo = made(CompiledServo, movers)
@@ -80,7 +80,7 @@ def test_moved_bodies_are_where_pinocchio_and_coal_have_them():
 
 
 def coal_distance(one, other):
-    """With its sign, of two shapes in their frames, by Coal alone."""
+    """Signed distance between two shapes in their frames, computed by Coal alone."""
     import coal
 
     from cardan.robots.arm_bodies import coal_shape
@@ -99,7 +99,7 @@ BALL = Capsule(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.0), 0.05)
 
 
 def driven_at(kind, grown_m, mover=True):
-    """How far from a ball ahead of it the TCP's bodies stop when driven at it."""
+    """Remaining distance of the TCP's bodies after driving at a ball."""
     movers = (BodyShape("ball", 0, BALL),) if mover else ()
     servo = made(kind, movers)
     servo.place(np.array(OTHER.home))
@@ -178,8 +178,8 @@ def test_the_kernel_takes_no_placement_that_is_none(frame, grown_m):
 
 @pytest.mark.parametrize("name", ["ur5", "pr2_right_arm"])
 def test_what_is_not_looked_at_is_farther_away(name):
-    """A pair that was far away is looked at again before it can have come near: at fast motion, at
-    slow, after a jump, and with a body that others move."""
+    """A pair that was far away is checked again before it can have come near: in fast and slow
+    motion, after a jump, and with a moved body."""
     kinematics = ArmKinematics(load_arm(name))
     wall = box_obstacle("wall", Vector3(-2.0, -2.0, -0.5), Vector3(2.0, -0.45, 0.9))
     ball = BodyShape("ball", 1, Capsule(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.0), 0.1))
@@ -205,4 +205,4 @@ def test_what_is_not_looked_at_is_farther_away(name):
             assert found.distance_m == pytest.approx(true.distance_m, abs=1e-9)
             assert servo.q == pytest.approx(afresh.q, abs=1e-9)
             rows.add(found.active_pairs)
-    assert len(rows) > 3  # They come and go.
+    assert len(rows) > 3  # constraints appear and disappear

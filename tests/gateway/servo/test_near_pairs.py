@@ -1,4 +1,4 @@
-"""Pairs of bodies that the compiled servo looks at: leaving the others out changes nothing."""
+"""Pairs of bodies that the compiled servo checks: leaving the others out changes nothing."""
 
 import numpy as np
 import pinocchio as pin
@@ -28,13 +28,14 @@ def words(numbers):
 
 
 def random_arm(rng):
-    """An arm of 2 to 9 joints of any kind, slow ones among them, 0 to 3 shapes on each body."""
+    """An arm of 2 to 9 joints of any kind, some of them slow, with 0 to 3 shapes on each body."""
     parts, joints = [], int(rng.integers(2, 10))
     for body in range(joints + 1):
         shapes = ""
         for _ in range(int(rng.integers(0, 4))):
             size, at = rng.uniform(0.02, 0.15, 3), rng.uniform(-0.1, 0.2, 3)
-            if rng.random() < 0.3:  # As a propeller: it comes near and its middle does not move.
+            # Like a propeller, which comes near without a motion of its middle.
+            if rng.random() < 0.3:
                 size, at = np.array((0.02, rng.uniform(0.4, 1.0), 0.02)), 0.1 * at
             shape = (
                 f'<box size="{words(size)}"/>'
@@ -60,7 +61,7 @@ def random_arm(rng):
 
 
 def distances_of(servo, q):
-    """Those of all pairs at `q`, and their gradients, by the kernel of `servo`."""
+    """Distances and gradients of all pairs at `q`, computed by the kernel of `servo`."""
     count = len(servo.collision.pairs)
     distances, rows = np.zeros(count), np.zeros((count, servo.joints))
     pointer = native.POINTER(native.c_double)
@@ -74,7 +75,8 @@ def distances_of(servo, q):
 
 
 class AllPairs:
-    """Rows and nearest pair of a servo's next tick, of the distances and gradients of all pairs."""
+    """Constraints and nearest pair of a servo's next tick, from the distances and gradients of all
+    pairs."""
 
     def __init__(self, servo):
         self.servo, collision = servo, servo.collision
@@ -87,7 +89,8 @@ class AllPairs:
             each.move(*moved)
 
     def find(self, dt_s):
-        """How many rows, how many more or fewer by rounding, and what is left of distances."""
+        """Number of constraints, their difference by rounding, and the remaining slack of the
+        distances."""
         servo, n = self.servo, self.servo.joints
         count = len(servo.collision.pairs)
         distances, rows = distances_of(self._other, servo.q)
@@ -106,7 +109,7 @@ class AllPairs:
 
 @pytest.mark.parametrize("seed", range(12))
 def test_rows_and_nearest_pair_are_those_of_all_pairs(seed):
-    """Random arms at random speeds among obstacles, one of which others move."""
+    """Random arms at random speeds among obstacles, one of which is moved."""
     rng = np.random.default_rng(seed)
     arm = ArmKinematics(random_arm(rng))
     collision = CollisionModel(arm, tuple(surroundings(rng)), movers=[(BALL,)])
@@ -132,12 +135,12 @@ def test_rows_and_nearest_pair_are_those_of_all_pairs(seed):
             assert found.distance_m - found.nearer_m == pytest.approx(left.min(), abs=1e-9)
             assert left[servo._state.nearest] == pytest.approx(left.min(), abs=1e-9)
             counts.add(found.active_pairs)
-    assert len(counts) > 2  # Rows come and go.
+    assert len(counts) > 2  # constraints appear and disappear
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_what_was_nearest_before_changes_no_distance(seed):
-    """A walk in small steps, in large ones, and past bodies that overlap on the way."""
+    """A path in small steps, in large ones, and past bodies that overlap on the way."""
     rng = np.random.default_rng(seed)
     arm = ArmKinematics(random_arm(rng))
     collision = CollisionModel(arm, tuple(surroundings(rng)))
@@ -161,7 +164,7 @@ PROPELLER = """<robot name="propeller"><link name="base"/><link name="bar"><coll
 
 
 def test_a_body_that_turns_about_its_middle_comes_near():
-    """Its ball does not move, and something else is nearer all the way."""
+    """The body's bounding ball does not move, and another body is nearer all the time."""
     hub = box_obstacle("hub", Vector3(-0.01, -0.01, 0.04), Vector3(0.01, 0.01, 0.06))
     post = box_obstacle("post", Vector3(-0.02, 0.4, -0.1), Vector3(0.02, 0.44, 0.1))
     kinematics = ArmKinematics(parse_urdf(PROPELLER))

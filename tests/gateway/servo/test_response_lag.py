@@ -1,4 +1,4 @@
-"""A robot that is behind by design, and one that is held."""
+"""A robot that lags by design, and a robot that is held."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIXED = np.zeros(2, dtype=bool)
 
 
 def _run(lag: ResponseLag, path, measured, until_s):
-    """The largest difference between the command and the expectation."""
+    """Largest difference between the command and the expected position."""
     worst = 0.0
     for k in range(round(until_s / DT_S)):
         now_s = k * DT_S
@@ -35,7 +35,7 @@ def _swing(t):
 def test_a_robot_that_is_behind_in_good_order_is_expected_to_arrive(behind_s):
     lag = ResponseLag(LAG_S, FIXED)
     worst = _run(lag, _swing, lambda t: _swing(max(t - behind_s, 0.0)), 4.0)
-    # Half a row apart at 1 rad/s.
+    # half the spacing of recorded commands at 1 rad/s
     assert worst < 0.02
 
 
@@ -47,7 +47,7 @@ def test_without_the_lag_it_would_look_held():
 def test_a_robot_that_is_held_shows():
     lag = ResponseLag(LAG_S, FIXED)
     worst = _run(lag, lambda t: np.array([0.5 * t, 0.0]), lambda t: np.array([0.0, 0.0]), 1.0)
-    # Everything but the way of the last 0.3 s.
+    # all of the path but the last 0.3 s
     assert worst == pytest.approx(0.5 * (1.0 - LAG_S), abs=0.02)
 
 
@@ -100,7 +100,7 @@ def test_it_is_the_way_from_the_nearest_of_all_places_of_the_past():
     q, found = np.zeros(3), 0
     for k in range(2000):
         q = q + rng.normal(scale=(0.01, 0.05, 0.01))
-        if k % 5 == 0:  # Oftener than a place is kept, so each of these is.
+        if k % 5 == 0:  # more often than commands are recorded, so that every one of these is
             lag.record_command(q, k * LAG_S / 79)
             past = [*past, q][-17:] if past else [q] * 17
         measured = past[rng.integers(len(past))] + rng.normal(scale=0.02, size=3)
@@ -124,5 +124,5 @@ def test_the_same_question_has_another_answer_once_the_past_has_changed():
     assert before == pytest.approx((1.0, 0.0), abs=0.02)
     assert lag.expected(measured, commanded) is before
     assert lag.expected(measured, [2.0, 0.0]) == pytest.approx((2.0, 0.0), abs=0.02)
-    lag.record_command(np.array([2.0, 0.0]), 10.0)  # After a gap.
+    lag.record_command(np.array([2.0, 0.0]), 10.0)  # after a gap
     assert lag.expected(measured, commanded) == measured

@@ -1,4 +1,4 @@
-"""The control tick: lines through singularities, limits, obstacles, arms with too few joints."""
+"""The control tick: lines through singularities, limits, obstacles, arms with few joints."""
 
 import math
 
@@ -22,12 +22,12 @@ from tests.examples import examples
 
 DT_S = 0.002
 ACCELERATION = 15.0
-"""rad/s², that of the published prototype's lines."""
+"""Acceleration of the published prototype's lines, rad/s²."""
 
 
 @pytest.fixture(autouse=True, params=[Servo, CompiledServo], ids=["python", "compiled"])
 def kind(request, monkeypatch):
-    """Every test here is of both."""
+    """Run every test with the servo in Python and with the compiled one."""
     monkeypatch.setattr(f"{__name__}.Kind", request.param)
     return request.param
 
@@ -47,7 +47,7 @@ def servo(name="ur5", obstacles=(), q_deg=None, **options):
 
 
 class Drive:
-    """Twists for a servo, its goal kept as a session keeps it; remembers the worst of all."""
+    """Drives a servo by twists, with its goal updated as in a session; stores the worst values."""
 
     def __init__(self, made):
         self.servo = made
@@ -135,8 +135,8 @@ def test_a_line_through_the_wrist_singularity_passes(policy):
         ideal = pin.exp3(turn * speed * progress / length) @ start.rotation
         offset_m = max(offset_m, float(np.linalg.norm(here.translation - on_line)))
         offset_rad = max(offset_rad, float(np.linalg.norm(pin.log3(ideal.T @ here.rotation))))
-    assert progress * speed >= length  # passed
-    assert smallest < 1e-3  # it is one
+    assert progress * speed >= length  # the line was completed
+    assert smallest < 1e-3  # through a singularity
     assert offset_m < 3e-3
     assert offset_rad < math.radians(1.0)
 
@@ -151,7 +151,7 @@ def test_holding_the_line_stops_at_the_end_of_reach_and_comes_back():
     across = there - outward * (there @ outward)
     assert np.linalg.norm(across) < 1e-3
     assert drive.servo.path_speed < 0.1
-    assert drive.error[0] < 5e-3  # nothing wound up
+    assert drive.error[0] < 5e-3  # no error accumulated
     drive.run(-0.1 * outward, 1.0)
     back = (drive.servo.placement.translation - start) @ outward
     assert there @ outward - back > 0.075
@@ -183,7 +183,7 @@ def test_into_both_limits_of_every_joint_the_full_range_is_used():
 
 
 def wall(made_q_deg=(0, -90, 100, -100, -90, 0)):
-    """A wall 5 mm thick, 25 cm in front of the TCP, and the servo before it."""
+    """The servo in front of a wall 5 mm thick, 25 cm from the TCP."""
     probe = servo(q_deg=made_q_deg)
     x = float(probe.placement.translation[0]) + 0.25
     obstacle = box_obstacle("wall", Vector3(x, -0.5, -0.2), Vector3(x + 0.005, 0.5, 1.2))
@@ -210,8 +210,8 @@ def test_a_thin_wall_is_not_touched_slid_along_and_left_without_hesitation(polic
 
 @pytest.mark.matrix("python")
 def test_bodies_that_stay_near_hide_none_that_comes():
-    """More of them than have a row each, as many covers of two links beside each other are: nearer
-    than is kept, and nothing that the arm does brings them nearer."""
+    """More near bodies than there are constraints, like many covers of two adjacent links: nearer
+    than allowed, and no motion of the arm brings them nearer."""
     drive = wall()
     posts = [
         box_obstacle(f"post {i}", Vector3(-0.1, -0.1, low), Vector3(-0.088, 0.1, low + 0.001))
@@ -251,7 +251,7 @@ def test_nothing_is_pushed_away_from_an_obstacle_that_nobody_moves_at():
     obstacle = drive.servo.collision.solids[-1]
     wider = servo(obstacles=(Obstacle("wall", obstacle.shape),), safety_distance_m=0.05)
     wider.place(near)
-    drive = Drive(wider)  # suddenly too near
+    drive = Drive(wider)  # an obstacle that is suddenly too near
     drive.run((0, 0, 0), 0.5)
     assert drive.servo.q == pytest.approx(near, abs=1e-6)
 
@@ -275,7 +275,7 @@ def test_an_arm_of_five_joints_keeps_position_and_tells_what_it_cannot_do():
     drive = Drive(servo("asibot"))
     made = drive.servo
     before = made.placement.translation.copy()
-    sideways = made.placement.rotation @ (1.0, 0.0, 0.0)  # a tilt out of the arm's plane
+    sideways = made.placement.rotation @ (1.0, 0.0, 0.0)  # a rotation out of the arm's plane
     drive.run((0, 0, 0), 1.0, 0.3 * sideways)
     assert np.linalg.norm(made.placement.translation - before) < 2e-3
     assert made.status().unreachable_rad_s > 0.05
@@ -331,11 +331,11 @@ def test_a_soft_neck_of_three_tendons_leans_as_asked_and_stays_relaxed():
     shape = neck.shape(made.q)
     assert shape.inclination_rad == pytest.approx(math.hypot(0.1, 0.05) * 2.0, rel=0.05)
     assert abs(shape.co_contraction_m) < 3e-4
-    assert made.status().unreachable_rad_s > 0.15  # it cannot turn about its own axis
+    assert made.status().unreachable_rad_s > 0.15  # the neck cannot turn about its own axis
 
 
 def test_joint_rates_add_to_the_twist():
-    """Equation 7 of Baklouti et al. 2021: some axes move joints, others the TCP."""
+    """Equation 7 of Baklouti et al. 2021: some axes of the device move joints, others the TCP."""
     drive = Drive(servo())
     made, rate = drive.servo, np.zeros(6)
     rate[0] = 0.2
@@ -389,7 +389,7 @@ def test_a_variable_period_is_no_harm():
 
 
 def test_a_step_that_would_strike_is_braked_whatever_the_program_says(monkeypatch):
-    for module in (in_python, compiled):  # rows that never act
+    for module in (in_python, compiled):  # constraints without effect
         monkeypatch.setattr(
             module,
             "closing_decelerations",

@@ -1,4 +1,4 @@
-"""No motion beyond the request: at the ends of joint ranges, near bodies, when singular."""
+"""No motion beyond the request: at the ends of joint ranges, near bodies, near singularities."""
 
 import math
 
@@ -16,14 +16,14 @@ from tests.servo_oracles import surroundings
 
 DT_S = 0.005
 OFF_M, OFF_RAD = 0.005, math.radians(2.0)
-"""Most motion beyond the request."""
+"""Greatest motion beyond the request."""
 
 FEW = ("ur5", "pr2_left_arm", 0, 1)
-"""Arms and seeds of make test."""
+"""Arms and seeds that `make test` runs."""
 
 
 def few_now(values):
-    """`values`, of which only FEW run in make test."""
+    """`values`; those not in FEW run only in the test matrix."""
     return [
         each if each in FEW else pytest.param(each, marks=pytest.mark.matrix) for each in values
     ]
@@ -39,14 +39,14 @@ def servo(kind, name, obstacles=None):
 
 
 class Stream:
-    """A stream of twists, base axes, and how far the TCP went off what they ask for."""
+    """A stream of twists in base axes, and the TCP's deviation from the requested motion."""
 
     def __init__(self, made):
         self.servo, self.goal, self.start = made, made.placement, made.placement
         self.off_m = self.off_rad = 0.0
 
     def run(self, linear, angular, seconds):
-        """Stops early where nothing moves any more."""
+        """Run for a time, or until the arm no longer moves."""
         made, goal = self.servo, self.goal
         for tick in range(round(seconds / DT_S)):
             ramp = min(1.0, (tick + 1) * DT_S / 0.1)
@@ -75,7 +75,7 @@ class Stream:
 
 
 def near(made, joint, side, distance=0.2):
-    """Home, but for one joint that is near an end of its range."""
+    """Home position with one joint near an end of its range."""
     lower, upper = made.kinematics.lower[joint], made.kinematics.upper[joint]
     q = np.array(made.kinematics.arm.home)
     q[joint] = (upper if side > 0 else lower) - side * min(distance, 0.1 * (upper - lower))
@@ -84,7 +84,7 @@ def near(made, joint, side, distance=0.2):
 
 
 def ends(made):
-    """Every joint that has a range, and both of its ends."""
+    """Every joint with a limited range, with both ends."""
     return [
         (joint, side)
         for joint in np.flatnonzero(np.isfinite(made.kinematics.upper)).tolist()
@@ -93,7 +93,7 @@ def ends(made):
 
 
 def into(made, joint, side, axis, speed):
-    """A twist along or about an axis of the TCP that moves `joint` towards the end of its range."""
+    """A twist along or about an axis of the TCP that moves `joint` toward the end of its range."""
     kinematics, own = made.kinematics, np.zeros(6)
     own[axis] = speed
     rate = np.linalg.pinv(kinematics.jacobian, rcond=1e-3) @ own
@@ -182,7 +182,8 @@ def test_the_servo_in_python_stays_on_the_line_into_every_end(name):
 @pytest.mark.parametrize("around", ["nothing", "itself", "obstacles"])
 @pytest.mark.parametrize("seed", few_now(range(8)))
 def test_from_any_posture_nothing_is_added_to_what_is_asked(seed, around):
-    """A translation slides along what it meets and does not turn; a turn stays where it is."""
+    """A blocked translation slides along the obstacle without rotation; a blocked rotation stays in
+    place."""
     generator = np.random.default_rng(seed)
     names = [n for n in arm_names() if min(load_arm(n).task.weights) == 1.0]
     shapes = {"nothing": None, "itself": (), "obstacles": tuple(surroundings(generator))}

@@ -1,4 +1,4 @@
-"""Sessions that command joints by an arm's model, on the simulated arm, in virtual time."""
+"""Sessions that command joints through an arm's model, on the simulated arm, in virtual time."""
 
 import math
 from types import SimpleNamespace
@@ -51,7 +51,8 @@ def table(arm="ur5", robot=None, arm_options=None, **more):
 
 
 class Run:
-    """A session's loop without its process: a scripted hand, the engine, the simulated arm."""
+    """A session's loop without its process: a scripted device, the controller, the simulated
+    arm."""
 
     def __init__(self, **config):
         self.config = parse_config(table(**config))
@@ -64,7 +65,7 @@ class Run:
         self.state = None
 
     def go(self, seconds, axes=REST, held=True, link=DeviceLink.LIVE, silent=False):
-        """Let the hand do that for a time; returns how the measured TCP moved, m."""
+        """Play a device state for a time; return the motion of the measured TCP, m."""
         first = None
         for _ in range(round(seconds / self.robot.options.period_s)):
             self.state = state = next(self.cycles)
@@ -87,7 +88,7 @@ class Run:
         return np.array([c.positions for c in self.commands if isinstance(c, JointCommand)])
 
     def on(self, robot):
-        """The same session on another robot."""
+        """Continue the session on another robot."""
         self.robot.close()
         self.robot = robot
         self.arm = self.core.commanded = make_arm(self.config, robot)
@@ -100,14 +101,14 @@ FORWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def tcp_at_home():
-    """The TCP of the session's arm at its home, m."""
+    """Position of the TCP at the home of the session's arm, m."""
     probe = Run()
     probe.go(0.1)
     return probe.state.pose.position
 
 
 def wall_ahead(by_m):
-    """A wall across x, so far before the TCP at home."""
+    """A wall across x, this far in front of the TCP at home."""
     x = tcp_at_home().x + by_m
     return {"name": "wall", "box": [[x, -0.5, -0.2], [x + 0.005, 0.5, 1.2]]}
 
@@ -138,7 +139,7 @@ def test_a_wall_is_kept_clear_of_and_said():
     assert 0.009 < status.arm.distance_m < 0.0105
     assert "wall" in status.arm.nearest_pair
     assert any("wall" in words for words in status.arm.in_words())
-    assert status.lead_used < 0.2  # nothing wound up
+    assert status.lead_used < 0.2  # no lead accumulated
     back = run.go(0.5, (-1.0, 0, 0, 0, 0, 0))
     assert back[0] < -0.04
 
@@ -158,7 +159,7 @@ def test_an_arm_that_something_holds_is_let_go_and_glided_back_to():
     run.go(0.3, FORWARD)
     plant = run.robot.arm.plant
     held = np.array(plant.positions)
-    held[1] += 0.8  # The elbow is pushed far away.
+    held[1] += 0.8  # the elbow is pushed far away
     plant.set_state(held, (0.0,) * 6)
     before = len(run.commands)
     run.go(3.0, FORWARD)
@@ -170,7 +171,7 @@ def test_an_arm_that_something_holds_is_let_go_and_glided_back_to():
 
 
 class OnlyTakes(SimArm):
-    """The simulated arm as a robot that takes other commands."""
+    """The simulated arm as a robot that accepts other commands."""
 
     kinds = frozenset({CommandKind.JOINT_VELOCITY, CommandKind.HOLD})
 
@@ -180,7 +181,8 @@ class OnlyTakes(SimArm):
 
 
 def test_an_arm_that_takes_velocities_does_not_sink():
-    """The paper's sag: velocity commands cannot hold an arm; the virtual reference point can."""
+    """The sag of the paper: velocity commands cannot hold an arm, the virtual reference point
+    can."""
     options = SimArmOptions(robot="ur5", pacing="virtual", drive="dynamic")
     run = Run(robot={"drive": "dynamic"}).on(OnlyTakes(options)).arm_it()
     assert isinstance(run.commands[-1], JointVelocityCommand)
@@ -268,7 +270,7 @@ def test_a_robot_that_reports_nonsense_is_not_commanded(joints, words):
     broken = run.state._replace(joints=joints, stamp_s=run.state.stamp_s + 0.002)
     before = np.array(run.commands[-1].velocities)
     command = run.core.tick(broken, hand)
-    # Its controller is heard, so it may still obey: braked in a ramp, whatever it reports.
+    # The controller is heard, so it may still follow: a ramp, whatever it reports.
     change = np.abs(np.array(command.velocities) - before)
     assert (change <= run.arm.servo.kinematics.acceleration * 0.002 + 1e-9).all()
     for _ in range(100):
@@ -428,7 +430,7 @@ def test_a_mixed_twist_goes_along_the_base_and_turns_about_the_tool():
 
 
 def test_an_arm_keeps_off_itself_whatever_the_hand_does():
-    """AMOR folds its hand back along its forearm; its joints are slow to brake."""
+    """AMOR folds its hand back along its forearm; its joints brake slowly."""
     run = Run(
         arm="amor",
         limits={"linear_speed_m_s": 0.25, "angular_speed_rad_s": 1.0},
@@ -440,7 +442,7 @@ def test_an_arm_keeps_off_itself_whatever_the_hand_does():
         for _ in range(20):
             run.go(0.05, axes)
             nearest = min(nearest, run.core.status().arm.distance_m)
-    assert nearest > 0.004  # of 5 mm: several pairs and slow joints at once take some of it
+    assert nearest > 0.004  # of 5 mm: several pairs and slow joints together use part of the margin
     assert run.core.status().arm.failures == 0
 
 
@@ -491,7 +493,7 @@ def test_at_the_edge_of_its_reach_the_figures_are_those_of_the_motion_and_it_is_
 
 
 def contradicted(run):
-    """A tool that the controller knows and the model does not: the TCP is 80 mm elsewhere."""
+    """A tool that the controller knows and the model does not: the TCP is 80 mm away."""
     true = run.cycles
     away = Vector3(0.0, 0.0, 0.08)
     run.cycles = (
@@ -504,7 +506,7 @@ def contradicted(run):
 
 
 def test_a_tcp_that_contradicts_the_joints_is_said_at_the_start_and_not_armed():
-    """Else the walls would be elsewhere."""
+    """Otherwise the walls would be at wrong places."""
     run = contradicted(Run())
     status = run.core.status()
     assert run.core.phase is Phase.NO_ROBOT
@@ -527,7 +529,7 @@ ROUND_ABOUT = [
 
 
 def test_a_robot_at_1_khz_is_driven_as_one_at_250_hz_is():
-    """With all pairs of bodies; nothing depends on the period but how finely it is commanded."""
+    """With all pairs of bodies; the period changes only the resolution of the commands."""
     ends = []
     for period_s in (0.001, 0.004):
         run = Run(robot={"period_s": period_s}, obstacles=ROUND_ABOUT).arm_it()
@@ -547,7 +549,7 @@ def test_a_robot_at_1_khz_is_driven_as_one_at_250_hz_is():
         bends = np.abs(np.diff(speeds, axis=0)) / period_s
         assert (bends <= kinematics.acceleration * (1 + 1e-6) + 1e-6).all()
         assert np.linalg.norm(moved) > 0.05
-        # Silence ends in a ramp after the same time, not the same number of cycles.
+        # After silence the ramp begins after the same time, not the same number of cycles.
         run.go(0.3, FORWARD)
         run.go(0.5, FORWARD, silent=True)
         assert run.core.phase is Phase.DISARMED

@@ -1,4 +1,4 @@
-"""Arms whose links have no body, beside obstacles: messages of the session and the doctor."""
+"""Arms whose links have no body, among obstacles: messages of the session and the doctor."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ ACCEPTED = "i_accept_links_without_bodies = true\n"
 
 
 def looked_at(file):
-    """Findings of the doctor in a file."""
+    """Results of the doctor for a file."""
     layout, wrong = read_files([file])
     return list(Files.look(Subject((file,), layout, wrong)))
 
 
 @pytest.fixture
 def session(tmp_path):
-    """Writes the file of a session whose arm is the UR5 with meshes for bodies."""
+    """Write the file of a session whose arm is the UR5 with meshes as bodies."""
     text = (files("cardan") / "robots" / "ur5.urdf").read_text(encoding="utf-8")
     bodies = re.sub(r"<(sphere|cylinder|capsule|box)\b[^>]*/>", '<mesh filename="m"/>', text)
     assert bodies != text
@@ -106,7 +106,7 @@ def test_a_program_is_refused_likewise(session):
 
 @pytest.fixture
 def fist(tmp_path):
-    """Writes the file of a session with the UR5, whose base and upper arm always touch."""
+    """Write the file of a session with a UR5 whose base and upper arm always touch."""
 
     def write(toml, more=""):
         load_arm.cache_clear()

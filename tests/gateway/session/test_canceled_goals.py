@@ -1,5 +1,5 @@
-"""A goal and its cancellation back to back, and a client that leaves right after its goal, at a
-session in a process of its own: by Zenoh, by DDS and by rosbridge."""
+"""A goal followed at once by its cancellation, and a client that leaves right after its goal, with
+a session in a separate process: over Zenoh, DDS and rosbridge."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ GOALS = {
     ),
 }
 WATCHED_S = 1.0
-"""For how long an arm whose goal is canceled is seen to stay where it is."""
+"""Time for which an arm with a canceled goal must stay in place."""
 
 
 @pytest.fixture(scope="module")
 def endpoint(tmp_path_factory):
-    """Of a session's network."""
+    """Options of a session's network."""
     endpoint = free_endpoint()
     file = tmp_path_factory.mktemp("session") / "session.toml"
     file.write_text(ARM_SESSION.format(endpoint=endpoint))
@@ -56,7 +56,7 @@ def endpoint(tmp_path_factory):
 
 
 def ask(network, name, kind, **request):
-    """Ask a service of the arm, without waiting: where its answer comes."""
+    """Call a service of the arm without waiting; return the queue that gets the response."""
     answers = queue.Queue()
     whole = completed(f"{kind}_Request", request)
     data = codec_of(f"{kind}_Request").encode(whole)
@@ -72,7 +72,7 @@ def answer(answers, kind):
 
 @pytest.fixture(scope="module")
 def watcher(endpoint):
-    """A node that sees the arm."""
+    """A node that watches the arm."""
     with BusNetwork(BusOptions(router=endpoint, listen=()), "watcher") as network:
         assert network.wait_for_service(f"{ARM}/set_parameters_atomically", TIMEOUT_S)
         until(lambda: where(network))
@@ -87,7 +87,7 @@ def where(network):
 
 
 def goal_of(verb, watcher):
-    """The type of a goal that would move the arm down, and the goal."""
+    """Type of a goal that would move the arm down, and the goal."""
     type_name, goal = GOALS[verb]
     pose = where(watcher)
     pose["position"]["z"] -= 0.1
@@ -95,7 +95,7 @@ def goal_of(verb, watcher):
 
 
 def assert_stays(watcher, z):
-    """The arm is where it was, and moves no more."""
+    """Check that the arm is at its old place and stays there."""
     end_s = time.monotonic() + WATCHED_S
     while time.monotonic() < end_s:
         assert where(watcher)["position"]["z"] == pytest.approx(z, abs=2e-3)
@@ -103,7 +103,7 @@ def assert_stays(watcher, z):
 
 
 def canceled_at_once(network, watcher, verb):
-    """Send a goal and its cancellation by the calls of a client's own; nothing waits between."""
+    """Send a goal and its cancellation by separate calls, without waiting in between."""
     z = where(watcher)["position"]["z"]
     type_name, goal = goal_of(verb, watcher)
     base = f"action/{verb}/_action"
@@ -123,7 +123,7 @@ def test_by_zenoh(endpoint, watcher, verb):
     with BusNetwork(BusOptions(router=endpoint, listen=()), "user") as user:
         assert user.wait_for_service(f"{ARM}/action/{verb}/_action/get_result", TIMEOUT_S)
         for _ in range(3):
-            # A single connection keeps the order: the goal is there when its cancellation is.
+            # A single connection keeps the order: the goal arrives before its cancellation.
             assert canceled_at_once(user, watcher, verb) == 0
 
 
@@ -142,7 +142,7 @@ def test_by_dds(endpoint, watcher):
         for verb in GOALS:
             assert user.wait_for_service(f"{ARM}/action/{verb}/_action/get_result", TIMEOUT_S)
             for _ in range(3):
-                # Between two services of DDS there is no order: the code may be either.
+                # Two services of DDS have no common order: either code may come.
                 assert canceled_at_once(user, watcher, verb) in (0, 2)
 
 
@@ -159,7 +159,7 @@ def send(client, verb, watcher):
 
 
 def meet(client):
-    """Wait until the server knows the arm's actions."""
+    """Wait until the server has discovered the arm's actions."""
 
     def known():
         client.send(json.dumps({"op": "call_service", "service": "/rosapi/action_servers"}))
@@ -189,7 +189,7 @@ def test_a_client_of_rosbridge_that_closes_right_after_its_goal(rosbridge, watch
         with connect(rosbridge) as client:
             meet(client)
             send(client, verb, watcher)
-        # Its node leaves the network with it, and then no goal of it goes on.
+        # Its node leaves the network too, and afterwards none of its goals continues.
         until(lambda: not any("rosbridge_client" in node for node in watcher.nodes()))
         assert where(watcher)["position"]["z"] == pytest.approx(z, abs=5e-3)
         assert_stays(watcher, where(watcher)["position"]["z"])

@@ -1,4 +1,5 @@
-"""Configuration errors name the key, the value and the allowed ones; good files are taken whole."""
+"""Configuration errors name the key, the value and the allowed ones; valid files are read
+completely."""
 
 import contextlib
 from pathlib import Path

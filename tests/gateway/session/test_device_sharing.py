@@ -1,4 +1,5 @@
-"""The owner of a session's device opens it, beside the loop."""
+"""The lease of a shared device, which opens and closes it in a thread outside of the session's
+loop."""
 
 import threading
 
@@ -11,7 +12,7 @@ WITHIN_S = 10.0
 
 
 class Device:
-    """Records the calls to it."""
+    """Records its calls."""
 
     def __init__(self, failures=0):
         self.is_open = False

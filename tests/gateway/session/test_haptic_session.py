@@ -20,7 +20,7 @@ class TorqueHaptic(FakeHaptic):
 
 
 class Bench:
-    """A lone device in virtual time, and a program that publishes at 100 Hz."""
+    """A session with a device alone, in virtual time, and a program that publishes at 100 Hz."""
 
     def __init__(self, device=None, mode="cartesian"):
         self.device = device or TorqueHaptic()
@@ -29,7 +29,7 @@ class Bench:
         self.now_s, self.sent = 1.0, 0
 
     def run(self, seconds, asked=None, publisher=1):
-        """The words with which the newest feedback was answered."""
+        """Run for a time; return the reply to the newest feedback."""
         said = ""
         for cycle in range(round(seconds / PERIOD_S)):
             self.now_s += PERIOD_S

@@ -1,5 +1,5 @@
-"""Two arms that know each other's bodies, in virtual time: sessions' controllers on simulated arms,
-and the joint states of each as the other's session hears them."""
+"""Two arms that avoid each other, in virtual time: the controllers of two sessions on simulated
+arms, each of which receives the other arm's joint states."""
 
 import json
 import math
@@ -47,7 +47,7 @@ REST = (0.0,) * 6
 
 
 FACING = {"base_xyz_m": [1.4, 0.0, 0.0], "base_rpy_deg": [0.0, 0.0, 180.0]}
-"""Two arms of a cell, each with its TCP before it: along x they go towards each other."""
+"""Two arms of a cell, facing each other: both approach along their own x."""
 
 
 def table(own="ur5", other="ur5", name="right", neighbor=FACING, **more):
@@ -79,7 +79,7 @@ FACED = table()["neighbors"][0]
 
 
 class Topic:
-    """A topic of joint states, whose messages arrive late."""
+    """A topic of joint states, whose messages are delayed."""
 
     def __init__(self, names):
         self._names, self._codec = names, codec_of(STATE)
@@ -109,7 +109,7 @@ class Topic:
 
 
 class Session:
-    """Session of an arm, without its process and its bus: a scripted hand, and a topic."""
+    """Session of an arm without its process and network: a scripted device, and a topic."""
 
     def __init__(self, **config):
         self.config = parse_config(table(**config))
@@ -144,7 +144,7 @@ class Session:
 
 
 class Between:
-    """The true distance of two arms of one robot, by Coal."""
+    """True distance between two arms of one robot, computed by Coal."""
 
     def __init__(self, session):
         self._bodies = session.core.commanded.neighbors[0]
@@ -165,7 +165,7 @@ class Between:
 
 HOME = np.array(load_arm("ur5").home)
 INWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""The device of either pushed towards the other arm."""
+"""Device of either arm, deflected toward the other arm."""
 
 
 def hear(session, joints, age_s, velocities=(), **more):
@@ -174,7 +174,7 @@ def hear(session, joints, age_s, velocities=(), **more):
 
 
 def known(joints=HOME, age_s=0.0, **config):
-    """A session that has heard of its neighbor, disarmed."""
+    """A disarmed session that has received its neighbor's state."""
     session = Session(**config)
     for _ in range(5):
         session.cycle(held=False)
@@ -192,14 +192,14 @@ def armed(joints=HOME, age_s=0.0):
 
 
 SWING = np.array((0.0, 1.0, -0.6, 0.0, 0.0, 0.0))
-"""Joint motion that takes the neighbor's hand towards this arm."""
+"""Joint motion that moves the neighbor's hand toward this arm."""
 
 
 @pytest.mark.matrix
 @pytest.mark.parametrize("age_s", [0.0, 0.03, 0.1])
 @pytest.mark.parametrize("speed", [0.0, 0.1, 0.3])
 def test_an_arm_driven_at_the_other_stops_before_it_at_rest_or_moving(age_s, speed):
-    """The neighbor swings to and fro, and brakes where the arm would have to; states are late."""
+    """The neighbor moves to and fro, and brakes for this arm; joint states are delayed."""
     session, between = armed(age_s=age_s), None
     between = Between(session)
     history, other, v, nearest, least = [], HOME.copy(), 0.0, math.inf, math.inf
@@ -207,7 +207,7 @@ def test_an_arm_driven_at_the_other_stops_before_it_at_rest_or_moving(age_s, spe
     for step in range(600):
         goal_v = speed * math.cos(step * PERIOD_S * 2.0)
         if between(session.q, other) < 0.15:
-            goal_v = 0.0  # It knows this arm as well.
+            goal_v = 0.0  # the neighbor avoids this arm as well
         limit = 0.8 * PERIOD_S
         v += min(max(goal_v - v, -limit), limit)
         other = other + v * PERIOD_S * SWING
@@ -232,7 +232,7 @@ def test_two_arms_that_are_driven_at_each_other_both_stop():
             if step == 5:
                 moved[id(one)] = one.q
             now_s = one.state.stamp_s
-            # As a session publishes, every second cycle, over a network.
+            # Published as by a session: every second cycle, over a network.
             if step % 2 == 0:
                 other.topic.say(one.q, one.state.velocities, stamp_s=now_s, at_s=now_s + 0.005)
         nearest = min(nearest, between(left.q, right.q))
@@ -251,7 +251,7 @@ VERBS_INWARD = {
 
 @pytest.mark.parametrize("verb", VERBS_INWARD)
 def test_a_verb_through_a_neighbor_is_refused_before_it_begins(verb):
-    """Where the neighbor is now; where it has gone away the same verb moves the arm."""
+    """The verb is refused while the neighbor is in the way, and moves the arm when it has left."""
     session = known(neighbor={**FACING, "base_xyz_m": [1.2, 0.218, 0.0]})
     session.cycle(held=False)
     verbs = make_verbs(session.config, session.robot, session.core, None)
@@ -348,7 +348,8 @@ def test_an_arm_that_moves_brakes_and_stays_until_it_is_armed_again(silence):
     refused = sum(session.neighbors._watches[0].refused.values())
     assert (refused > before) == (silence != "silence")
     there = session.q
-    for _ in range(20):  # Known again, but the operator still holds on.
+    # The neighbor's state is known again, but the operator has not released the device.
+    for _ in range(20):
         hear(session, HOME, 0.0)
         session.cycle(INWARD)
     assert np.abs(session.q - there).max() < 1e-6
@@ -506,7 +507,7 @@ def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
 
 
 def of_one_tree(folder, left, right):
-    """The configuration of the left arm's session whose neighbor is the right one."""
+    """Configuration of the left arm's session, with the right arm as its neighbor."""
     (folder / "tree.urdf").write_text(TREE, encoding="utf-8")
     for side, more in (("l", left), ("r", right)):
         text = f'urdf = "tree.urdf"\ntcp = "{side}/tcp"\n{more}'
@@ -579,7 +580,7 @@ def test_arms_of_two_robots_need_the_base_said():
 
 
 def two(left=(), right=(), **changes):
-    """The configurations of two sessions that are each other's neighbors."""
+    """Configurations of two sessions that are each other's neighbors."""
     made = {}
     for name, other, change in (("left", "right", dict(left)), ("right", "left", dict(right))):
         one = table(name=other, neighbor={**FACING, **change})

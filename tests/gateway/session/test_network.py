@@ -1,4 +1,4 @@
-"""A session in a process of its own, moved over the network as ROS 2 nodes would."""
+"""A session in a separate process, moved over the network by ROS 2 interfaces."""
 
 import itertools
 import json
@@ -41,7 +41,7 @@ FOLLOW_NAME = "/left/joint_trajectory_controller/follow_joint_trajectory"
 
 
 class User:
-    """A node beside the session's."""
+    """A node that uses the session."""
 
     def __init__(self, endpoint):
         options = BusOptions(router=endpoint, listen=())
@@ -73,12 +73,12 @@ class User:
         return retained
 
     def heard(self, topic):
-        """All that has come since."""
+        """All messages since the last call."""
         retained, type_name = self._subscriptions[topic]
         return [codec_of(type_name).decode(each.data) for each in iter(retained.poll, None)]
 
     def publish(self, topic, type_name, given=None, data=None):
-        """Publish once the session listens; the number."""
+        """Publish once the session has subscribed; return the sequence number."""
         key = topic, type_name
         if key not in self._publishers:
             name = topic if topic.startswith("/left") else f"{ARM}{topic}"
@@ -90,7 +90,7 @@ class User:
         return publisher._sequence
 
     def outcome(self, command, number, *outcomes):
-        """The first of these outcomes that a command had, and its reason."""
+        """The first of these outcomes of a command, and its reason."""
 
         def find():
             self._results += self.heard(f"{ARM}/result")
@@ -123,12 +123,12 @@ class User:
         return pose
 
     def until_at(self, pose):
-        """Wait until the arm is measured there: what arrives is the command."""
+        """Wait until the arm's measured pose is there: the command is there earlier."""
         z = pose["position"]["z"]
         until(lambda: abs(self.where()["position"]["z"] - z) < 1e-3, "the arrival")
 
     def settled(self):
-        """Where the arm is once it is measured at rest."""
+        """Pose of the arm once it is measured at rest."""
         last = {}
 
         def still():
@@ -171,7 +171,8 @@ class User:
         return GoalStatus(answer["status"]), answer["result"]
 
     def wait_for_authority(self):
-        """Wait until no other source has the arm: one that has left keeps it for its lease."""
+        """Wait until no other source has the arm: a source that left keeps it until its lease
+        ends."""
         topic = f"{ARM}/state/status"
         self.heard(topic)
         until(
@@ -180,7 +181,7 @@ class User:
         )
 
     def rest(self):
-        """Stop the motion and wait until the arm rests."""
+        """Stop the motion, and wait until the arm is at rest."""
         assert self.call("stop", "std_srvs/srv/Trigger")["success"]
         topic = f"{ARM}/state/status"
         self.heard(topic)
@@ -209,7 +210,7 @@ def user(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def quick_and_at_rest(user):
-    """Each test begins at rest, with quick motions."""
+    """Each test begins at rest, with parameters for fast motion."""
     user.rest()
     user.wait_for_authority()
     assert user.set("preset_streaming_cmd", "none")["successful"]
@@ -221,7 +222,7 @@ def quick_and_at_rest(user):
         reported = user.set(name, value)
         assert reported["successful"], reported["reason"]
     user.heard(f"{ARM}/result")
-    user._results.clear()  # Publishers of each type count their messages from 1.
+    user._results.clear()  # The publishers of each type number their messages from 1.
     yield
     user.rest()
 
@@ -307,7 +308,7 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_canceled(user):
 
     def canceled():
         user.rest()
-        # It is under way when it is canceled, however slow this computer is: it takes 20 s.
+        # The motion takes 20 s, so that it is active when it is canceled, even on a slow computer.
         assert user.set("trajectory_reference_speed", 0.01)["successful"]
         goal_id = user.send(action, MOVE, {"x": user.moved(0.2)})
         with ThreadPoolExecutor(1) as waiting:
@@ -329,7 +330,7 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_canceled(user):
 
 
 def test_a_goal_of_the_released_type_is_answered(user):
-    """By the hash that clients of ROS 2 have, which is not computed here."""
+    """Uses the type hash of ROS 2 clients, which is not computed here."""
     node = user.network.node
     mark = "RIHS01_b13789dddc325a7a962825c45e28c77d37237ec129dd0c34dc5994562938c57f"
     key = (
@@ -384,14 +385,14 @@ def test_a_plan_of_moveit_is_carried_out(user):
 
 
 def test_joint_states_with_speeds_are_a_stream_of_them(user):
-    """As JointStateTopicSystem of ros2_control sends them; names in any order."""
+    """Messages as from JointStateTopicSystem of ros2_control, with names in any order."""
     joint_state = "sensor_msgs/msg/JointState"
     names = [*load_arm("ur5").joint_names[1:], load_arm("ur5").joint_names[0]]
     message = {"name": names, "velocity": [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]}
     user.subscribe("/left/joint_states", joint_state, 1)
 
     def pan():
-        """Where the first joint is."""
+        """Position of the first joint."""
         found = until(lambda: user.heard("/left/joint_states"), "a joint state")[-1]
         return found["position"][found["name"].index(names[-1])]
 
@@ -404,7 +405,7 @@ def test_joint_states_with_speeds_are_a_stream_of_them(user):
     until(turned, "the turn")
     last = {}
 
-    def rests():  # The stream has fallen silent.
+    def rests():  # The stream has ended.
         before, last["at"] = last.get("at"), pan()
         return before == last["at"]
 
@@ -437,7 +438,7 @@ def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
     assert reported["result"][1] == {"success": True, "message": ""}
 
 
-# -- a publisher that dies ------------------------------------------------------------------------
+# -- a publisher that is killed -------------------------------------------------------------------
 
 
 STATUS = f"{ARM}/state/status"
@@ -446,7 +447,8 @@ RESTS = "disarmed", "holding"
 
 
 def streamed_and_killed(user):
-    """Have another node stream twists; when it was killed while the arm moved."""
+    """Let another node stream twists, kill it while the arm moves, and return the time of the
+    kill."""
     assert user.set("preset_streaming_cmd", "twist")["successful"]
     script = f"""
 import select, sys, time
@@ -494,19 +496,19 @@ def test_a_publisher_that_dies_in_midst_of_a_stream_brakes_the_arm(user):
         return any(each in RESTS for each in phases)
 
     until(rested, "the rest")
-    # 0.1 s of silence and a short ramp, by how often the arm has told its status meanwhile.
+    # 0.1 s of silence and a short ramp, measured by the number of status messages.
     assert [each in RESTS for each in phases].index(True) < 1.0 * STATUS_HZ
 
 
 def test_the_stream_of_one_that_died_is_its_own_while_it_may_be_fresh(user):
-    """On a computer so slow that it is not fresh any more, this fails: in the matrix."""
+    """In the test matrix only: it fails on a computer so slow that commands are never fresh."""
     streamed_and_killed(user)
     until(lambda: any(s["phase"] in RESTS for s in user.heard(STATUS)), "the rest")
     where = user.settled()["position"]["z"]
     sent = set()
 
     def refused():
-        """As the arm says."""
+        """True if the arm reports the refusal."""
         sent.add(user.publish("/command/twist", TWIST, {"linear": {"z": -0.03}}))
         reported = [each for each in user.heard(f"{ARM}/result") if each["sequence"] in sent]
         return any("has authority over the arm" in each["reason"] for each in reported)

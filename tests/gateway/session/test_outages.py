@@ -1,5 +1,5 @@
-"""Messages that a rosbridge client published while there was no server, and sends once there is
-one, move nothing: roslibpy keeps all of them, and sends the oldest first."""
+"""Messages that a rosbridge client published while the server was down move nothing afterwards:
+roslibpy stores all of them and sends the oldest first."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TIMEOUT_S = 30.0
 SPEED_M_S = 0.1
 RESTS_S = 0.3
 MOVED_M = 1e-3
-"""Least motion that counts as such."""
+"""Least distance that counts as a motion."""
 
 CLIENT = """
 import sys, time
@@ -68,7 +68,7 @@ for line in sys.stdin:
 
 
 class Client:
-    """A program with roslibpy, that publishes twists on one topic."""
+    """A program with roslibpy that publishes twists on one topic."""
 
     def __init__(self, process):
         self._process = process
@@ -83,7 +83,7 @@ class Client:
 
 
 class Watcher:
-    """A node that sees the arm."""
+    """A node that watches the arm."""
 
     def __init__(self, node):
         self._node = node
@@ -91,7 +91,7 @@ class Watcher:
         self._result = node.subscription("/left/arm/result", "cardan_msgs/msg/CommandResult", 500)
 
     def where(self):
-        """The measured place of the TCP, m."""
+        """Measured position of the TCP, m."""
         kind = "cardan_msgs/srv/Stat"
         request = codec_of(f"{kind}_Request").encode(completed(f"{kind}_Request", {}))
         reply = self._stat.call(request, TIMEOUT_S)
@@ -103,7 +103,7 @@ class Watcher:
         return [codec.decode(each.data) for each in iter(self._result.poll, None)]
 
     def settled(self):
-        """Where the arm is once it has been at rest for a moment."""
+        """Position of the arm after it has been at rest for a moment."""
         last = until(self.where, "an answer")
         for _ in range(100):
             time.sleep(RESTS_S)
@@ -133,7 +133,7 @@ def watcher(tmp_path_factory):
 
 
 class Server:
-    """cardan net server rosbridge at one port, which ends and is there again."""
+    """A `cardan net server rosbridge` that stops and starts again at the same port."""
 
     def __init__(self, endpoint):
         self.port = free_tcp_port()
@@ -173,7 +173,7 @@ def test_what_was_published_during_an_outage_moves_nothing(watcher, server, topi
     ) as process:
         try:
             client = Client(process)
-            # The arm has heard nothing of this client before the first outage.
+            # Before the first outage the arm has received nothing from this client.
             for number, speed_m_s in ((50, SPEED_M_S), (50, -SPEED_M_S), (1, SPEED_M_S)):
                 server.end()
                 client.do("lost")

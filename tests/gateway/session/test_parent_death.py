@@ -1,4 +1,4 @@
-"""A demo that is killed leaves no process and no folder behind."""
+"""A killed demo leaves no process and no folder behind."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 from cardan.gateway.session.subprocesses import cardan_subprocess
 from tests.waiting import TRIES, WITHIN_S
 
-pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
+pytestmark = pytest.mark.matrix  # Whole programs: all time limits are generous.
 
 GONE_WITHIN_S = WITHIN_S
 MOVING, STOPPED = b"moving", b"stopped before"
@@ -25,7 +25,7 @@ ENDS_WITH_PARENT = (sys.executable, "-m", "cardan.gateway.session.parent_death")
 
 
 def marked(mark):
-    """The processes that have `mark` in their environment."""
+    """Processes with `mark` in their environment."""
     found = []
     for process in Path("/proc").iterdir():
         if process.name.isdigit():
@@ -38,8 +38,8 @@ def marked(mark):
 
 
 def until(condition):
-    """Whether it comes true; a process that is being replaced (exec) has no environment for a
-    moment."""
+    """Wait for a condition to hold repeatedly, because a process has no environment for a moment
+    during exec; return false after a time limit."""
     give_up_s = time.monotonic() + GONE_WITHIN_S
     in_a_row = 0
     while in_a_row < 10 and time.monotonic() < give_up_s:
@@ -58,7 +58,7 @@ def mark():
 
 @pytest.fixture
 def folder():
-    """Folder with a short path: the paths of sockets have 107 bytes at most."""
+    """Folder with a short path, because socket paths have at most 107 bytes."""
     with tempfile.TemporaryDirectory() as made:
         yield Path(made)
 
@@ -72,17 +72,18 @@ def folder():
     ],
 )
 def test_a_killed_demo_takes_everything_with_it(name, early, number, mark, folder, tmp_path):
-    # If a standstill of the computer cuts a demo short before it moves, another demo follows.
+    # If a pause of the computer ends a demo before it moves, another demo follows.
     assert any(killed(name, early, number, mark, folder, tmp_path) for _ in range(TRIES))
 
 
 def killed(name, early, number, mark, folder, tmp_path):
-    """Whether it was when it should be; in any case it leaves nothing."""
+    """Kill a demo, check that it leaves nothing, and return whether it was killed at the intended
+    moment."""
     environment = {**os.environ, MARK: mark, "TMPDIR": str(folder)}
     with subprocess.Popen(
         [sys.executable, "-m", "cardan", "demo", name, "--seconds", "60"],
         env=environment,
-        cwd=tmp_path,  # There may be a core dump.
+        cwd=tmp_path,  # for a core dump, if one is written
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
     ) as demo:

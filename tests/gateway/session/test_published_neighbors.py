@@ -52,7 +52,7 @@ def test_the_arms_of_a_robot_that_are_driven_at_each_other_both_stop(robot, tmp_
         gap.append(between(left.q, right.q))
     for one in sessions:
         assert one.core.phase is not Phase.DISARMED, one.message
-    # Both went towards the other.
+    # Both arms moved toward each other.
     assert way[0] < -0.1
     assert way[1] > 0.1
     assert min(gap) >= SAFETY_M

@@ -1,4 +1,4 @@
-"""Messages of `cardan run --record` about a recorder that ended on the way."""
+"""Messages of `cardan run --record` about a recorder that ended early."""
 
 import contextlib
 import sys
@@ -23,8 +23,8 @@ model = "ur5"
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
-    """`cardan run --record` of a session that ends in good order, whose recorder ends with `code`;
-    gives its exit code and what it said on standard error."""
+    """Run `cardan run --record` with a session that ends normally and a recorder that exits with
+    `code`; return the exit code and the text of standard error."""
 
     def run(code):
         recorder = SimpleNamespace(code=code, complaints="", lines=())

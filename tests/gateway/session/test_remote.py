@@ -1,4 +1,4 @@
-"""A session in a process of its own, moved by verbs; and beside an operator device."""
+"""A session in a separate process, moved by verbs and by an operator device."""
 
 import io
 import math
@@ -49,7 +49,7 @@ QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}
 TIMEOUT_S = WITHIN_S
 HEARTBEAT_S = 0.5
 BRAKING_S = 0.3
-"""From 0.25 m/s at 1 m/s²."""
+"""Braking time from 0.25 m/s at 1 m/s²."""
 
 TABLE = {
     "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal", "period_s": 0.008},
@@ -59,7 +59,7 @@ TABLE = {
 
 
 def until_at(arm, pose, tolerance_m=1e-3):
-    """Wait until the arm is measured there: what arrives is the command, a few cycles before."""
+    """Wait until the arm's measured pose is there: the command is there a few cycles earlier."""
     until(lambda: np.allclose(arm.stat().pose[:3], pose[:3], atol=tolerance_m), "the arrival")
 
 
@@ -72,21 +72,21 @@ def by(pose, *step):
 
 @dataclass(frozen=True)
 class HandOptions:
-    """None."""
+    """No options."""
 
 
 class Hand(OperatorDevice):
-    """An operator device of which a test holds the cap."""
+    """An operator device whose state the test sets."""
 
     Options = HandOptions
     capabilities = DeviceCapabilities(False, ("go",), frozenset(), False)
     axes, buttons = (0.0,) * 6, frozenset()
 
     def open(self):
-        """Always there."""
+        """Always connected."""
 
     def close(self):
-        """Nothing to close."""
+        """No resource to close."""
 
     def diagnosis(self):
         return ()
@@ -99,7 +99,7 @@ class Hand(OperatorDevice):
 
 
 class ThreadProcess(SessionProcess):
-    """A session in a thread, where a test sees its parts."""
+    """A session in a thread, whose parts the test can access."""
 
     newest = None
     shown = Snapshot()
@@ -168,7 +168,7 @@ def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
         Hand.axes = (0.0, 0.5, 0.0, 0.0, 0.0, 0.0)
         until(lambda: arm.stat().pose[1] > start[1] + 0.01, "the hand's motion")
         Hand.axes, Hand.buttons = (0.0,) * 6, frozenset()
-        arm.stop()  # It needs no authority, and the hand's ends with it.
+        arm.stop()  # A stop needs no authority, and ends the operator's.
         assert arm.status().authority.owner == ""
         arm.set_parameters(QUICK)
         assert arm.movl(start).source == "program"
@@ -263,7 +263,7 @@ def test_a_session_that_verbs_cannot_move_is_refused_at_once():
         session_arm(parse_config(TABLE), source="device")
 
 
-# -- in a process of its own ----------------------------------------------------------------------
+# -- in a separate process ------------------------------------------------------------------------
 
 
 def test_verbs_streams_and_stop_on_the_simulated_arm():
@@ -333,7 +333,7 @@ def test_a_session_that_dies_ends_motions_and_requests(monkeypatch):
         arm.stop()
 
 
-# -- the supervising process stops ----------------------------------------------------------------
+# -- pauses of the supervising process ------------------------------------------------------------
 
 PROGRAM = """
 import sys
@@ -355,7 +355,7 @@ with session_arm(sys.argv[1], show=lambda shown: say(shown.to_bytes().decode()))
 
 
 class Supervising:
-    """A process that supervises a session, and all that it was told."""
+    """A process that supervises a session, and all snapshots that it received."""
 
     def __init__(self, program, config):
         self.snapshots, self.words = [], {}
@@ -404,18 +404,18 @@ class Supervising:
 
     @property
     def stood_still(self):
-        """The session's words for that, empty where it never said so."""
+        """The session's message about a pause; empty if there was none."""
         said = (each.arm.message for each in self.snapshots)
         return next((each for each in said if STOOD_STILL in each), "")
 
     def until(self, found, what):
-        """Wait until `found` gives something that is true, or the session says that it stood
-        still; whether it did not say so."""
+        """Wait until `found` returns a true value, or the session reports a pause; return true
+        without such a report."""
         until(lambda: found() or self.stood_still, what)
         return not self.stood_still
 
     def stop_for(self, seconds):
-        """Stop it for so long; returns what the session said meanwhile, read after."""
+        """Stop the process for this time; return the snapshots that it read afterwards."""
         at_s, known = self.snapshots[-1].elapsed_s, len(self.snapshots)
         self._process.send_signal(signal.SIGSTOP)
         threading.Event().wait(seconds)
@@ -425,7 +425,8 @@ class Supervising:
 
 
 def assert_it_rested(at_s, said, seconds):
-    """The arm is disarmed and at rest within half a second and its braking, and says why."""
+    """Check that the arm is disarmed and at rest within half a second plus its braking, and reports
+    why."""
     while_stopped = [each for each in said if each.elapsed_s <= at_s + seconds]
     late_s = at_s + BEAT_PERIOD_S + HEARTBEAT_S + BRAKING_S + 0.15
     resting = [each for each in while_stopped if each.elapsed_s > late_s]
@@ -493,4 +494,4 @@ def test_an_arm_moved_by_verbs_rests_when_its_program_is_killed(program, tmp_pat
             until(lambda: not moves(), "rest")
             assert killed.returncode == -signal.SIGKILL
         way = max(abs(b - a) for a, b in zip(before, peer.core.plant.positions, strict=True))
-        assert way < 0.05  # rad; 0.02 m/s for half a second, and room for a busy machine.
+        assert way < 0.05  # rad; 0.02 m/s for half a second, with tolerance for a busy computer

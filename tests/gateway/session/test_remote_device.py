@@ -1,5 +1,5 @@
-"""A robot whose operator device is shared by another process, through a router: what the arm does
-when that process is killed."""
+"""A robot whose operator device another process shares through a router: reaction of the arm when
+that process is killed."""
 
 import contextlib
 import time
@@ -16,20 +16,20 @@ from tests.serving import free_endpoint
 from tests.test_ending import toml
 
 pytestmark = [
-    pytest.mark.matrix,  # Whole programs, which move an arm.
+    pytest.mark.matrix,  # Whole programs that move an arm.
     pytest.mark.usefixtures("zenoh"),
 ]
 
 ROBOT = "GP8, MotoROS velocity"
-"""It stands as soon as it is commanded to."""
+"""Pair of robot and driver that executes commands without lag."""
 SPEED_M_S = 0.1
 MAX_AGE_S = 0.15
 BRAKES_S = 0.2
 BUSY_S = 1.5
-"""How much later a computer that has other work may do it. Nobody else stops the arm sooner than at
-the end of its reach, seconds later."""
+"""Additional time for a computer with other work. Without the watchdog the arm would move on for
+seconds, to the end of its reach."""
 LATE_AT_EACH = 4
-"""Session, robot, router and this test, each as late as this computer was meanwhile."""
+"""Session, robot, router and this test may each be delayed as much as the computer paused."""
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def zenoh():
 
 
 class Joined(NamedTuple):
-    """A robot, and the device that moves it from another process."""
+    """A robot, and the device in another process that moves it."""
 
     watch: Watch
     router: str

@@ -1,4 +1,4 @@
-"""Scene that a session publishes."""
+"""Scene published by a session."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ TABLES = {
 
 
 def reported(tables):
-    """Return the scene of the arm of a session of these tables."""
+    """Return the scene of a session with these tables."""
     return json.loads(scene_of(parse_config(tables)))
 
 
@@ -71,7 +71,7 @@ def test_the_shapes_are_those_of_the_collision_model_each_after_its_joint():
 
 
 def test_neighbors_are_reported_with_all_that_places_their_bodies():
-    """By the joints of the JSON alone they are where the session keeps away from them."""
+    """The JSON's joints alone give the places at which the session avoids the bodies."""
     neighbor = {
         "name": "right",
         "model": "teo_right_arm",

@@ -1,4 +1,4 @@
-"""The loop: its calls of the drivers, and its reports about itself."""
+"""A session's control loop: its calls of the drivers, and its reports."""
 
 import dataclasses
 import gc
@@ -35,13 +35,13 @@ TABLE = {
 
 
 FEW = {"robot": {"cycles": 60}}
-"""For what each cycle has, or the end: not for a motion."""
+"""Enough cycles for tests of single cycles or of the end, too few for a motion."""
 
 
 def session(channel=None, **tables):
     merged = {key: {**TABLE.get(key, {}), **tables.get(key, {})} for key in {*TABLE, *tables}}
     made = make_session(parse_config(merged), channel)
-    # That this computer stands still for a moment is no matter of these tests.
+    # These tests do not depend on pauses of the computer.
     supervision = made.controller.supervision
     supervision.watchdogs = dataclasses.replace(supervision.watchdogs, stall_s=LONGEST_BLIND_S)
     return made
@@ -76,7 +76,7 @@ def test_what_its_program_has_frozen_stays_so(fake_drivers):
 def test_gripper_on_an_analog_output(fake_drivers):
     s = session(gripper={"output": 2, "closed_value": 7.5}, **FEW)
     s.run()
-    # what the program gets in the other outputs stays
+    # the program's value for the other outputs is kept
     assert s.robot.outputs == [(None, (7.0, 0.0, 7.5))]
 
 
@@ -199,7 +199,7 @@ def test_what_a_snapshot_tells_is_printable(unprintable):
     assert back.arm.message.isprintable()
     assert back.device.buttons == ("left",)
     assert all(name.isprintable() for name in back.robot.metrics)
-    # As another program may write it.
+    # Another program may send it like this.
     plain = json.dumps({"arm": {"message": f"a{unprintable}b"}}, ensure_ascii=False).encode()
     assert Snapshot.from_bytes(plain).arm.message.isprintable()
 
@@ -278,7 +278,7 @@ def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
 
 
 class TestTheJoystickOfThePage:
-    """The driver that docs/adding-a-driver.md shows first, as it stands."""
+    """The first driver that docs/adding-a-driver.md shows, unchanged."""
 
     @pytest.fixture
     def joystick(self, monkeypatch):
@@ -326,7 +326,8 @@ class TestTheJoystickOfThePage:
 
 
 class TestADriverThatFails:
-    """Another package's, which breaks its interface: the session ends in order, and names it."""
+    """A third-party driver that breaks its interface: the session ends in order, and names the
+    driver."""
 
     @pytest.mark.parametrize("call", ["cycles", "send", "set_outputs"])
     def test_a_robot_s_in_the_loop(self, fake_drivers, call):
@@ -386,13 +387,13 @@ class TestADriverThatFails:
     def test_opening(self, fake_drivers, monkeypatch):
         s = session(**FEW)
         s.robot.open = lambda: 1 / 0
-        with pytest.raises(ZeroDivisionError):  # It is one of ours, by its name.
+        with pytest.raises(ZeroDivisionError):  # one of our own drivers, by its name
             s.run()
         assert not s.device.is_open
 
 
 class Failing(TwistFilter):
-    """A filter of which one call fails."""
+    """A filter that fails in one call."""
 
     Options = Options
 

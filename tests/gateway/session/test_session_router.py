@@ -1,4 +1,4 @@
-"""Sessions on one computer bring the router that they meet by, and it lasts as long as they do."""
+"""Sessions on one computer start the router that connects them, which lasts as long as they do."""
 
 import threading
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""All requests are carried out beside the loop, and answered."""
+"""All requests are carried out outside of the loop, and answered."""
 
 import json
 import queue
@@ -36,7 +36,7 @@ TIMEOUT_S = 5.0
 
 
 class FakeVerbs:
-    """Plans until it is let go on; streams are taken down."""
+    """Plans until the test lets it continue; stores streamed commands."""
 
     controller = SimpleNamespace(record_request=lambda *_: None)
 
@@ -125,7 +125,7 @@ class Bench:
         self.offer(packet)
 
     def plan(self, number, **more):
-        """Ask for a motion; come back while it is being planned."""
+        """Request a motion; return while it is being planned."""
         self.ask(number, "movl", POSE, **more)
         assert self.verbs.planning.wait(TIMEOUT_S)
 
@@ -133,7 +133,7 @@ class Bench:
         self.worker.offer(self.client, packet, self.now_s)
 
     def heard(self, verb=""):
-        """The next answer; a reply as its result or error."""
+        """Next reply as its result or error."""
         answer = decode_answer(self.ours.recv(65536))
         if isinstance(answer, MotionNote):
             return answer
@@ -292,7 +292,8 @@ def test_a_streamed_command_of_a_time_without_a_turn_is_not_acted_on(bench):
 
 @pytest.mark.parametrize("verb", ["twist", "movl"])
 def test_what_waited_before_it_came_to_the_session_counts(bench, verb):
-    """At the daemon's socket, and in the channel from there while the session was busy."""
+    """The wait may be at the daemon's socket, and in the channel behind it while the session was
+    busy."""
     bench.verbs.go_on.set()
     bench.worker.turn(bench.now_s)
     longest_s = STREAMED_S if verb == "twist" else LATE_S
@@ -393,7 +394,7 @@ def test_a_session_without_verbs_says_why(bench):
 
 
 class Watched:
-    """A client on the network: its requests say whether who asked is still there."""
+    """A client on the network, whose requests know if it is still there."""
 
     def __init__(self):
         self.there = True
@@ -436,7 +437,7 @@ def test_a_stream_that_begins_waits_for_what_is_planned_and_one_that_goes_on_doe
     first = Request(1, "ros2", "twist", POSE, begins=Begins.NEW)
     bench.worker.offer(client, first, bench.now_s)
     bench.ask(2, "get_parameter", "cpf")
-    assert bench.heard() == (2, 1.0)  # The earlier offer is decided on.
+    assert bench.heard() == (2, 1.0)  # the earlier request has been processed
     bench.verbs.streams.kind = Stream.TWIST
     second = first._replace(source="another", stamp_s=5.0)
     bench.worker.offer(client, second, bench.now_s)
@@ -447,14 +448,14 @@ def test_a_stream_that_begins_waits_for_what_is_planned_and_one_that_goes_on_doe
 
 
 def test_the_commands_of_a_stream_that_begins_keep_their_order(bench):
-    """The stream has begun while some of its commands still wait: newer ones of the same sender do
-    not overtake them."""
+    """The stream has begun, but some of its commands are still queued: newer ones of the same
+    sender must not overtake them."""
     bench.plan(0)
     client = Watched()
     first = Request(1, "ros2", "twist", POSE, stamp_s=1.0, begins=Begins.NEW)
     bench.worker.offer(client, first, bench.now_s)
     bench.ask(2, "get_parameter", "cpf")
-    assert bench.heard() == (2, 1.0)  # The earlier offer is decided on.
+    assert bench.heard() == (2, 1.0)  # the earlier request has been processed
     bench.verbs.streams.kind = Stream.TWIST
     bench.worker.offer(client, first._replace(stamp_s=2.0), bench.now_s)
     bench.ask(3, "get_parameter", "cpf")
@@ -513,7 +514,7 @@ def test_a_motion_that_was_canceled_before_its_turn_does_not_begin(bench):
 def test_the_end_of_a_later_motion_does_not_wait_for_who_asked_before(bench):
     client, other = Watched(), Watched()
     begin(bench, client, "movv", POSE)
-    bench.verbs.began[0].outcome = Outcome.ABORTED  # The next one took over.
+    bench.verbs.began[0].outcome = Outcome.ABORTED  # the next motion took over
     begin(bench, other, "movv", POSE)
     client.there = False
     bench.worker.attend()

@@ -1,4 +1,4 @@
-"""Output of a launched command before READY, with it and after it, in whatever pieces."""
+"""Output of a launched command before, with and after READY, in pieces of any size."""
 
 import sys
 
@@ -10,7 +10,7 @@ from cardan.gateway.session.subprocesses import CardanSubprocess
 
 @pytest.fixture
 def command(tmp_path, monkeypatch):
-    """Have a shell script in place of ``cardan``: `command(script)`."""
+    """Run a shell script instead of ``cardan``: `command(script)`."""
 
     def write(script):
         path = tmp_path / "cardan"

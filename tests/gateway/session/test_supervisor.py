@@ -1,4 +1,4 @@
-"""A session in a process of its own: it is started, shown, stopped, and its death is noticed."""
+"""A session in a separate process: start, reports, stop, and detection of its death."""
 
 import dataclasses
 import errno
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.matrix
 
 @pytest.fixture
 def waiting(tmp_path):
-    """A session that waits for its device and for its robot."""
+    """A session that waits for its device and its robot."""
     return parse_config(
         {
             "device": {
@@ -50,7 +50,7 @@ def test_runs_for_the_time_it_is_given(waiting):
 def test_a_command_around_it_has_its_signals_and_its_code(waiting):
     outcome = supervise(waiting, 0.5, through=("env", "CARDAN_PROOF=1"))
     assert (outcome.exit_code, outcome.last.robot.link) == (0, "waiting")
-    # A command that ends as a shell does, by the signal's number and 128.
+    # A command that exits like a shell, with 128 plus the signal's number.
     shell = ("sh", "-c", "trap 'kill $!; exit 143' TERM; sleep 20 & wait", "sh")
     outcome = supervise(waiting, 30.0, poll=lambda: False, through=shell)
     assert (outcome.exit_code, outcome.last.arm.message) == (0, "stopped before it began")
@@ -82,7 +82,7 @@ def test_an_interrupt_stops_it(waiting):
 
 
 def signal_session(number):
-    """Send a signal to the session's process, which is a child of this one."""
+    """Send a signal to the session's process, a child of this one."""
     pid = os.getpid()
     with open(f"/proc/{pid}/task/{pid}/children", encoding="ascii") as file:
         children = file.read().split()
@@ -146,7 +146,7 @@ def test_a_view_that_fails_does_not_cost_the_braking_ramp(waiting):
 
 
 WORDY = ("sh", "-c", 'echo a word; echo another >&2; exec "$@"', "sh")
-"""A command around a session that says something itself."""
+"""A command around a session that writes lines of its own."""
 
 
 def test_what_a_session_s_process_says_is_passed_on(waiting):

@@ -1,4 +1,4 @@
-"""A session whose supervisor fell silent does not move the arm."""
+"""A session whose supervisor is silent does not move the arm."""
 
 from hypothesis import given, strategies as st
 

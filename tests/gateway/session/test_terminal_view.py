@@ -100,8 +100,8 @@ def test_diagnosis_is_printed_when_it_is_new(capsys):
 
 
 NASTY = "[/x][red]seen\x1b[2J\x1b]0;title\x07\r\nforged\u202e\x9b1m"
-"""Control sequences, a line of its own, text turned round, and rich's markup, which must be shown
-as it is and not obeyed."""
+"""Control sequences, line breaks, bidirectional text and rich's markup, which must be shown but not
+interpreted."""
 
 
 def parts(snapshot):
@@ -109,7 +109,7 @@ def parts(snapshot):
 
 
 def reported(**fields):
-    """A snapshot as it comes from a session."""
+    """A snapshot received from a session."""
     return Snapshot.from_bytes(changed(MOVING, **fields).to_bytes())
 
 

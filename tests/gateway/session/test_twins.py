@@ -1,5 +1,5 @@
-"""Two sessions of one name on one network: the second does not begin, and of two that began at once
-one takes no commands."""
+"""Two sessions of one name on one network: a later one does not start, and of two simultaneous ones
+only one accepts commands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ INHIBITED = "this one takes no commands from the network"
 
 @pytest.fixture
 def meeting():
-    """A node that the sessions meet by, and its endpoint."""
+    """A node that connects the sessions, and its endpoint."""
     endpoint = free_endpoint()
     with BusNode(BusOptions(router="", listen=(endpoint,)), "meeting") as node:
         yield node, endpoint
@@ -34,7 +34,7 @@ def meeting():
 
 @pytest.fixture
 def begin(tmp_path, meeting):
-    """Begins a session of the arm /left/arm; its process, which is ended at last."""
+    """Starts a session of the arm /left/arm and returns its process, which ends with the test."""
     _, endpoint = meeting
     file = tmp_path / "session.toml"
     table = ARM_SESSION.format(endpoint="tcp/127.0.0.1:0")
@@ -57,7 +57,7 @@ def begin(tmp_path, meeting):
 
 
 def arms(presence):
-    """The sessions that serve the arm's commands."""
+    """Ids of the sessions that accept the arm's commands."""
     return {each.zid for each in presence.others()}
 
 

@@ -25,7 +25,7 @@ ROBOT = RobotState(1.0, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
 
 
 def moving(linear=ZERO3, angular=ZERO3, limits=LIMITS):
-    """An arm in task space at that speed, and its reference."""
+    """An arm in task space at these velocities, and its reference."""
     commanded, reference = TaskSpaceArm(limits), Reference(limits)
     commanded.place(ROBOT)
     reference.place(commanded.pose)
@@ -35,7 +35,7 @@ def moving(linear=ZERO3, angular=ZERO3, limits=LIMITS):
 
 
 def ramp(commanded, brake):
-    """Tick to rest; checks every step, and returns their number."""
+    """Tick until the arm is at rest; check every step, and return the number of steps."""
     for count in range(1, 2000):
         before = commanded.twist
         over = brake.tick(ROBOT, DT_S) is ARRIVED

@@ -21,7 +21,7 @@ RATES = np.array((0.1, -0.05, 0.02, 0.0, 0.04, -0.2))
 
 
 class Stream:
-    """A stream to an arm at home, without bodies to collide."""
+    """A stream to an arm at its home position, without collision bodies."""
 
     def __init__(self, q=MODEL.home):
         self.commanded = JointSpaceArm(Servo(KINEMATICS), frozenset({CommandKind.JOINT}))
@@ -32,7 +32,7 @@ class Stream:
         self.most = ACCELERATION * KINEMATICS.acceleration * DT_S
 
     def tick(self, count=1):
-        """The last progress; every joint's speed and acceleration are checked."""
+        """Tick and return the last progress; check every joint's speed and acceleration."""
         for _ in range(count):
             before = self.servo.v.copy()
             progress = self.motion.tick(ROBOT, DT_S)

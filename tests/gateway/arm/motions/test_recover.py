@@ -1,4 +1,4 @@
-"""A command that lost its robot is brought back to it: slowly, and not for ever."""
+"""Recovery of a command that lost its robot: slow, and limited in time."""
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -26,7 +26,7 @@ def robot(x=0.0, turn=ZERO3):
 
 
 class Recovery:
-    """An arm in task space at rest where its robot was, which is `away` now."""
+    """An arm in task space at rest, whose robot is now at `away`."""
 
     def __init__(self, away, limits=LIMITS):
         self.away = away
@@ -46,7 +46,7 @@ class Recovery:
         return over
 
     def run(self, along=ZERO3):
-        """Tick until it is over, the robot going `along` with a part of the motion."""
+        """Tick until the recovery ends; the robot moves by `along` in every tick."""
         for _ in range(round(LONGEST_S / DT_S)):
             if self.tick():
                 assert not self.commanded.moving
@@ -109,7 +109,7 @@ def test_one_that_is_near_already_moves_nothing():
 
 @pytest.mark.parametrize("limits", [LIMITS, ReferenceLimits(max_lead_m=0.01, max_lead_rad=0.05)])
 def test_one_that_creeps_ends_in_time(limits):
-    """A robot that shivers about the edge of nearness is no reason to go on."""
+    """A robot that oscillates at the edge of the tolerance must not prolong the recovery."""
     recovery = Recovery(robot(0.009), limits)
     ticks = 0
     while not recovery.tick():

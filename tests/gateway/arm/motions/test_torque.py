@@ -1,4 +1,4 @@
-"""gcmp, forc and streamed wrenches on simulated time."""
+"""Gravity compensation (gcmp), force (forc) and streamed wrenches, in simulated time."""
 
 import math
 
@@ -82,7 +82,7 @@ def test_torques_stay_inside_the_joints_limits():
         world.tick(5)
         torques = np.array(world.command.torques)
         used = np.abs(torques) / [joint.effort for joint in world.model.joints]
-        # The wrench keeps its direction, and is as large as the weakest joint allows.
+        # The wrench keeps its direction; its magnitude is limited by the weakest joint.
         assert used.max() == pytest.approx(1.0)
         kinematics = world.verbs.servo.kinematics
         kinematics.update(world.q)
@@ -100,13 +100,13 @@ def test_an_arm_that_runs_away_is_caught():
     world.tick()
     assert isinstance(world.command, JointCommand)
     assert "ran away" in motion.reason
-    assert world.command.velocities[2] > 2.0  # Braked from there, not stopped dead.
+    assert world.command.velocities[2] > 2.0  # a ramp, not an immediate stop
     world.rest()
     assert world.verbs.status().trips == 1
 
 
 def test_an_arm_that_runs_away_without_telling_its_speed_is_caught_all_the_same():
-    """Speeds that are not numbers are worked out from the positions, and never commanded."""
+    """Joint speeds that are NaN are computed from positions instead, and never commanded."""
     world = World("ur5")
     motion = world.verbs.gcmp()
     world.tick()
@@ -147,11 +147,11 @@ def test_springs_of_the_arm_are_left_out_of_the_torques():
     weight = pin.computeGeneralizedGravity(model, model.createData(), world.q)
     assert abs(weight[1]) > 35.0
     assert np.abs(world.command.torques).max() < 0.5
-    assert world.command.torques[4:] == pytest.approx(weight[4:])  # beyond the springs
+    assert world.command.torques[4:] == pytest.approx(weight[4:])  # joints without springs
 
 
 def test_arms_that_cannot_carry_themselves_are_refused(tmp_path):
-    """A PR2's without its springs."""
+    """A PR2's arm without its springs."""
     (tmp_path / "arm.urdf").write_text(load_arm("pr2_left_arm").urdf, encoding="utf-8")
     (tmp_path / "arm.toml").write_text(
         'urdf = "arm.urdf"\nhome_deg = [20, 20, 40, -90, 0, -60, 0]', encoding="utf-8"

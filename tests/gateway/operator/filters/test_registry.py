@@ -1,4 +1,4 @@
-"""Filters are found by name, which other packages give them."""
+"""Filters are found by name, also in other packages."""
 
 from importlib.metadata import EntryPoint
 

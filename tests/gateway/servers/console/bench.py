@@ -1,4 +1,4 @@
-"""A console's server with a small page, and a page that is a program."""
+"""A console server with a small site, and a program in place of a page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
 
 
 def token_file(folder):
-    """A file of these two tokens; its path."""
+    """Path of a file with these two tokens."""
     tokens = folder / "tokens"
     tokens.write_text(f"viewer {VIEWER}\noperator {OPERATOR}\n")
     tokens.chmod(0o600)
@@ -28,7 +28,7 @@ def token_file(folder):
 
 
 def small_site(folder):
-    """A site of one page."""
+    """A site with one page."""
     folder.mkdir(exist_ok=True)
     for suffix in ("", ".br", ".gz"):
         (folder / f"index.html{suffix}").write_bytes(f"<p>page{suffix}</p>".encode())
@@ -40,7 +40,7 @@ def small_site(folder):
 
 @contextmanager
 def console(network, folder, **options):
-    """A server at a free port."""
+    """A console server at a free port."""
     site = small_site(folder / "page")
     made = ConsoleOptions(**{"port": 0, **options})
     with served(lambda: ConsoleServer(network, made, site)) as running:
@@ -48,7 +48,7 @@ def console(network, folder, **options):
 
 
 class FakeArm:
-    """Answers `ask` of a memory network, and keeps its requests."""
+    """Replies to `ask` requests on a memory network, and stores them."""
 
     def __init__(self, network, name=ARM):
         self.requests = []
@@ -73,7 +73,7 @@ def _moves(value):
 
 
 class PageProgram:
-    """A page at the level of the wire, whose clock is this program's."""
+    """A page at protocol level, with this program's clock."""
 
     def __init__(self, connection):
         self.connection = connection
@@ -85,7 +85,7 @@ class PageProgram:
         self.connection.send(json.dumps({"op": op, **fields}))
 
     def next(self, op, **wanted):
-        """The next message of this kind, with these fields; answers pings meanwhile."""
+        """Next message of this kind with these fields; replies to pings meanwhile."""
         end_s = time.monotonic() + WAIT_S
         while True:
             frame = json.loads(self.connection.recv(timeout=max(0.0, end_s - time.monotonic())))
@@ -97,14 +97,15 @@ class PageProgram:
             self.heard.append(frame)
 
     def begin(self):
-        """Say hello; come back when the server knows the time here."""
+        """Send hello, and wait until the server has synchronized the clocks."""
         self.ask("cardan.hello", id=1)
         hello = self.next("cardan.hello")
         self.next_clock()
         return hello
 
     def next_clock(self):
-        # The server's first ping may have come already: the next one settles it.
+        # The server's first ping may have arrived already: the next one ensures the
+        # synchronization.
         if not any(each["op"] == "cardan.ping" for each in self.heard):
             self.next("cardan.ping")
         self.ask("cardan.ping", id="settle")
@@ -127,28 +128,28 @@ class PageProgram:
         self.frame(JogTwist(Vector3(x, 0.0, 0.0), Vector3(0.0, 0.0, 0.0)), hold, **more)
 
     def settle(self):
-        """Come back when the server has done all that was sent before."""
+        """Wait until the server has processed all earlier messages."""
         self.ask("cardan.ping", id="settled")
         self.next("cardan.pong", id="settled")
 
     def press(self):
-        """Let go of the arm, which the server says, and hold it."""
+        """Release the arm, wait until the server reports that, and hold it."""
         self.jog(False)
         self.grip("free")
         self.jog()
 
     def refused(self, op, **fields):
-        """Why the server refuses this."""
+        """Reason why the server refuses this message."""
         self.ask(op, id="refused", **fields)
         return self.next("cardan.refused", id="refused")["why"]
 
     def grip(self, wanted):
-        """Wait until the server says so; the message."""
+        """Wait until the server reports this state of the hold; return the message."""
         return self.next("cardan.input", grip=wanted)
 
 
 @contextmanager
 def page_program(running, path="/ws", **options):
-    """A page of the server."""
+    """A page connected to the server."""
     with connect(f"ws://127.0.0.1:{running.port}{path}", compression=None, **options) as connection:
         yield PageProgram(connection)

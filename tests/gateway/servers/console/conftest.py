@@ -1,4 +1,4 @@
-"""A network within the test, and a console that has tokens."""
+"""A network within the test, and a console with tokens."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def with_tokens(network, tmp_path):
 
 @pytest.fixture
 def operator(with_tokens):
-    """A page of the operator."""
+    """An operator's page."""
     with page_program(with_tokens, f"/ws?t={OPERATOR}") as page:
         page.begin()
         yield page

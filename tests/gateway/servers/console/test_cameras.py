@@ -1,4 +1,4 @@
-"""Cameras show each client with access the newest picture, and rest while there is no viewer."""
+"""Cameras send each authorized client the newest picture, and are closed without viewers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ALLOWED = "Basic " + base64.b64encode(b"me:secret").decode()
 
 
 class Handler(BaseHTTPRequestHandler):
-    """A camera with a stream at /stream, a picture at /one, and a page elsewhere."""
+    """A camera with a stream at /stream, a picture at /one, and an HTML page elsewhere."""
 
     def do_GET(self):
         server = self.server
@@ -72,12 +72,12 @@ class Handler(BaseHTTPRequestHandler):
             server.looks -= 1
 
     def log_message(self, *_words):
-        """Say nothing."""
+        """Log nothing."""
 
 
 @contextmanager
 def camera(path="/stream", image=b""):
-    """A camera on this machine, and its address; its pictures are `image`, or numbers."""
+    """A camera on this computer, and its address; its pictures are `image`, or numbers."""
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         server.ended, server.still, server.stands = (threading.Event() for _ in range(3))
         server.looks = server.pictures = 0
@@ -93,7 +93,7 @@ def camera(path="/stream", image=b""):
 
 
 def announced(page):
-    """The next picture, and the message about it just before."""
+    """Next picture, and the message about it that precedes it."""
     about = None
     while True:
         frame = page.connection.recv(timeout=WAIT_S)
@@ -109,14 +109,14 @@ def show(page, number, page_us=0, **more):
 
 
 def picture(page):
-    """The next picture, which is shown."""
+    """Next picture, acknowledged as shown."""
     number, about = announced(page)
     show(page, about["picture"])
     return number
 
 
 def settled(page):
-    """Whether nothing but words came until the server answered."""
+    """True if only text frames arrived until the server replied."""
     page.ask("cardan.camera", id="settled", do="list")
     while isinstance(frame := page.connection.recv(timeout=WAIT_S), str):
         if json.loads(frame).get("id") == "settled":
@@ -126,7 +126,7 @@ def settled(page):
 
 @pytest.fixture
 def server():
-    """A camera that streams."""
+    """A camera with a stream."""
     with camera() as (server, address):
         server.address = address
         yield server
@@ -134,7 +134,7 @@ def server():
 
 @pytest.fixture
 def running(network, tmp_path, server):
-    """A console that has this camera."""
+    """A console that shows this camera."""
     with console(network, tmp_path, camera=(server.address,)) as running:
         yield running
 
@@ -177,13 +177,13 @@ def test_the_next_picture_goes_out_when_the_one_before_was_shown_and_is_the_newe
     second, about = announced(page)
     assert second >= passed - 1 > first
     assert about["page_us"] == 456
-    # Two on their way, where the page has room for them, and no third.
+    # A page with room for two pictures gets two before it acknowledges one, and no third.
     show(page, about["picture"], two=True)
     ahead = [announced(page)[1]["picture"] for _ in range(2)]
     passed = server.pictures + 5
     until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
     assert settled(page)
-    # A page that skipped the first picture has shown both.
+    # Acknowledging the second picture also acknowledges a skipped first one.
     show(page, ahead[1])
     assert announced(page)[1]["picture"] == ahead[1] + 1
 
@@ -218,7 +218,7 @@ def test_a_camera_rests_while_a_page_shows_nothing_of_it(server, page, monkeypat
 
 @pytest.mark.parametrize("page_us", [None, -1, "0", True, float("inf")])
 def test_what_is_no_time_shows_nothing(page, page_us):
-    show(page, 1)  # Nothing is on its way.
+    show(page, 1)  # no picture is in transit
     page.ask("cardan.camera", do="open", camera=0)
     _, about = announced(page)
     page.ask("cardan.camera", do="shown", id=1, picture=about["picture"], page_us=page_us)
@@ -325,11 +325,11 @@ def test_a_camera_is_called_by_its_name_and_never_by_what_is_secret():
     assert parse_camera("/dev/video0") == ("video0", "/dev/video0")
 
 
-# -- a device of this machine ------------------------------------------------------------------
+# -- a camera of this computer -----------------------------------------------------------------
 
 
 class Driver:
-    """The kernel's part, by the same calls."""
+    """Simulated kernel driver with the same system calls."""
 
     def __init__(self, form=video.MJPEG, capabilities=video.CAPTURE | video.STREAMING):
         self.form, self.capabilities = form, capabilities

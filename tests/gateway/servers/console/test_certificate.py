@@ -1,4 +1,4 @@
-"""Certificates that the console makes for itself, and addresses for people."""
+"""Certificates that the console generates, and addresses printed for users."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames of a page: permissions, ends of a hold, and messages to the page."""
+"""Frames from a page: permissions, ends of a hold, and messages to the page."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def page(running):
 
 
 def numbers(request):
-    """Of a request of twist, all six."""
+    """All six numbers of a twist request."""
     return (*request.value.linear, *request.value.angular)
 
 
 def held(page):
-    """A page that jogs the arm. On a busy computer a frame may come too late to count, or the next
-    one to go on."""
+    """Let a page jog the arm. On a busy computer a frame may arrive too late to count, or the next
+    one too late to continue the hold."""
     page.open(1, arm=ARM)
     page.press()
     while (reported := page.next("cardan.input"))["grip"] != "held":
@@ -66,7 +66,7 @@ def held(page):
 
 
 def keep(page, seconds):
-    """Hold on."""
+    """Keep the hold for some time."""
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         page.jog()
@@ -151,7 +151,7 @@ def test_a_frame_of_its_own_and_joints(arm, page):
     page.frame(JogJoints((0.0,) * 6), False)
     until(lambda: numbers(arm.requests[-1]) == REST, "the stream rests")
     page.frame(JogJoints((0.5, 0, 0, 0, 0, 0)))
-    # The stream of the other kind is given up first.
+    # the stream of the other kind is released first
     until(lambda: arm.verbs()[-3:] == ["twist", "set_parameters", "joints"], "joints move")
     assert arm.requests[-1].value == [0.5, 0, 0, 0, 0, 0]
     assert arm.requests[-1].begins is Begins.NEW
@@ -179,7 +179,7 @@ def test_silence_ends_it_at_once_and_it_stays_ended(arm, page):
 
 
 def test_a_channel_that_is_opened_again_for_its_arm_keeps_the_authority(arm, page):
-    """A page that was disarmed by a stop takes the authority, and then opens its channel anew."""
+    """A page that a stop disarmed acquires the authority, and then opens its channel again."""
     held(page)
     until(lambda: arm.requests, "the arm is asked")
     page.open(1, arm=ARM)
@@ -194,7 +194,7 @@ def test_a_channel_that_is_opened_again_for_its_arm_keeps_the_authority(arm, pag
 
 
 def test_a_page_renews_a_hold_and_is_reported_how_long_it_goes_on(network, arm, tmp_path):
-    """The frames go on as those of a page do whose browser hangs."""
+    """The frames continue, as from a page whose browser hangs."""
     with console(network, tmp_path, hold_s=1.0) as running, page_program(running) as page:
         page.begin()
         page.open(1, arm=ARM)
@@ -274,7 +274,7 @@ def test_a_server_that_stood_still_acts_on_nothing_that_waited(arm, running, pag
     until(lambda: arm.verbs()[-1] == "release", "the page was cut off")
     after = [each for each in arm.requests if each.verb == "twist"][1:]
     moving = [each for each in after if numbers(each) != REST]
-    assert len(moving) <= 1  # A twist that was under way before.
+    assert len(moving) <= 1  # a twist that was already in transit
 
 
 def test_what_the_arm_refuses_ends_the_hold_with_its_reason(arm, page):
@@ -367,7 +367,7 @@ def test_device_frames_go_to_the_driver_as_they_are(network, page):
 
 
 def test_both_hands_of_a_page_are_one_sender(network, page):
-    """Of two senders on a topic a driver hears one."""
+    """A driver accepts only one sender on a topic."""
     for channel in (4, 5):
         page.open(channel, device="/xr")
     assert [topic for topic, *_ in network.publishers] == ["/xr"]
@@ -465,14 +465,14 @@ def test_a_pad_is_a_game_controller_of_ros_2(network, page):
     ((topic, message),) = network.published
     assert topic == "/joy"
     assert message["axes"] == [0.5, 1.0, -0.25, -0.75, 0.5, 1.0]
-    # South, the left shoulder, the pad's right.
+    # South, left shoulder and the pad's right, as gamepads name them.
     assert [number for number, down in enumerate(message["buttons"]) if down] == [0, 9, 14]
     network.publish("/joy/set_feedback", "sensor_msgs/msg/JoyFeedback", type=1, intensity=1.0)
     assert page.next("cardan.feedback")["intensity"] == 1.0
 
 
 def test_the_driver_of_joy_reads_a_pad_as_it_is_held():
-    """Stick away and left is x and y, as the driver's layout has it."""
+    """The left stick is x and y, as in the driver's layout."""
     layout = LAYOUTS["game_controller"][0]
     pad = GamepadFrame(-0.5, -1.0, 0.25, 0.75)
     axes = [0.5, 1.0, -0.25, -0.75, 0.0, 0.0]
@@ -481,7 +481,7 @@ def test_the_driver_of_joy_reads_a_pad_as_it_is_held():
     assert (z, yaw) == (-pad.right_down, -pad.right_right)
 
 
-# -- orders ---------------------------------------------------------------------------------------
+# -- commands -------------------------------------------------------------------------------------
 
 
 def test_orders_are_those_of_the_command_line(page, monkeypatch, tmp_path):
@@ -512,13 +512,13 @@ def test_without_a_daemon_it_says_so(page, monkeypatch, tmp_path):
     assert "no daemon runs here" in page.refused("cardan.daemon", do="list")
 
 
-# -- asking for the authority ---------------------------------------------------------------------
+# -- requests for authority -----------------------------------------------------------------------
 
 REQUESTS, REQUEST = f"{ARM}/authority/request", "cardan_msgs/msg/AuthorityRequest"
 
 
 def asked_for(page, **wanted):
-    """The next request for the authority that the page hears."""
+    """Next request for authority that the page receives."""
     message = page.next("publish", topic=REQUESTS)["msg"]
     assert {key: message[key] for key in wanted} == wanted
     return message
@@ -536,7 +536,7 @@ def test_a_page_asks_another_for_the_authority_which_keeps_it(running, arm):
         owner.ask("cardan.keep", arm=ARM, source=names[1])
         for each in (owner, other):
             asked_for(each, source=names[1], owner=names[0], answer="refused")
-    assert arm.requests == []  # Its owner hands it over; nobody else does anything.
+    assert arm.requests == []  # Only the owner can hand the arm over.
 
 
 def test_who_asks_is_reported_what_is_wrong(page, running, arm, network):

@@ -1,4 +1,4 @@
-"""A page starts and ends the demos of the server's machine."""
+"""A page starts and ends demos on the server's computer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conditions for a hold on a page, and the page's clock, in virtual time."""
+"""Conditions of a hold on a page, and the page's clock, in virtual time."""
 
 import math
 
@@ -18,14 +18,14 @@ BODY = JogTwist(Vector3(0.1, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
 
 
 class Hand:
-    """A page's frames, whose clock is ours."""
+    """Frames of a page whose clock equals ours."""
 
     def __init__(self, longest_s=math.inf):
         self.hold = Hold(longest_s)
         self.now_s, self.sequence = 100.0, 0
 
     def frame(self, hold=True, after_s=0.016, late_s=0.0, **more):
-        """A frame that was made `late_s` before it comes."""
+        """A frame that arrives `late_s` after it was sent."""
         self.now_s += after_s
         self.sequence += 1
         sequence = more.pop("sequence", self.sequence)
@@ -132,7 +132,7 @@ def test_frames_of_an_unknown_clock_hold_nothing():
 
 
 def until_lost(hand, longest_s, moves=lambda hand, held_s: None):
-    """Hold on until it is lost; how long that took, s, of `longest_s` at most."""
+    """Continue the hold until it is lost; return the time until then, s, at most `longest_s`."""
     began_s = hand.now_s
     while hand.hold.grip is Grip.HELD and hand.now_s - began_s < longest_s:
         moves(hand, hand.now_s - began_s)
@@ -141,7 +141,7 @@ def until_lost(hand, longest_s, moves=lambda hand, held_s: None):
 
 
 def test_a_jog_that_nobody_renews_ends_in_time_and_takes_a_new_press():
-    """The browser hangs, and its page goes on saying that it is held."""
+    """The browser hangs, and its page keeps reporting a hold."""
     hand = Hand(LONGEST_S).held()
     assert until_lost(hand, 60.0) == pytest.approx(LONGEST_S, abs=0.05)
     assert "without a sign" in hand.hold.why
@@ -171,7 +171,7 @@ def test_a_frame_that_does_not_come_ends_a_renewed_hold_as_any_other():
 
 
 def test_speeds_that_a_page_computes_renew_no_jog():
-    """On the way to a goal they change by themselves."""
+    """During a motion to a goal the speeds change without the operator."""
     hand = Hand(LONGEST_S).held()
     while hand.hold.grip is Grip.HELD and hand.now_s < 200.0:
         hand.now_s += 0.02

@@ -1,4 +1,4 @@
-"""A phone's own sensors as a sensor on the bus, while an operator asks for it."""
+"""A phone's motion sensors as a sensor on the network, while an operator requests them."""
 
 from __future__ import annotations
 

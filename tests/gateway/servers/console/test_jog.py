@@ -1,5 +1,4 @@
-"""The stream of a hand on a page to an arm: what is asked of the arm, and what no more. Without a
-server."""
+"""Jog stream from a page to an arm: requests to the arm and their end, without a server."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ JOINTS = Wish(JogJoints((0.1, 0.0)), NEVER_OLD_S)
 
 
 class Arm:
-    """Answers when it is told to."""
+    """An arm that replies when the test says so."""
 
     def __init__(self):
         self.asked, self._answers = [], []
@@ -36,7 +35,7 @@ class Arm:
         return [each["verb"] for each in self.asked]
 
     async def answer(self, result=None):
-        """To all that was asked."""
+        """Reply to all requests so far."""
         for asked, answer in zip(self.asked, self._answers, strict=True):
             if not answer.done():
                 answer.set_result({"reply": encode_reply(asked["id"], result).decode()})
@@ -49,8 +48,8 @@ async def settle():
 
 
 async def joints_then_twist(after):
-    """A hold of the joints, then one of the TCP, which `after` follows while the arm is asked to
-    leave the stream before; the arm."""
+    """Hold a joint, then the TCP; `after` runs while the arm is requested to leave the first
+    stream. Returns the arm."""
     arm = Arm()
     jog = ArmJog("/arm", "page hand", arm, pytest.fail)
     jog.open()
@@ -91,7 +90,8 @@ def test_a_hold_goes_on_with_its_newest_command():
 
 @pytest.mark.parametrize("again", [True, False])
 def test_the_first_press_of_a_hand_that_the_arm_does_not_know_yet_moves_it(again):
-    """The arm refuses it until it knows the hand's clock; later in a hold that would be an end."""
+    """The arm refuses the stream until it knows the sender's clock; later in a hold that would end
+    it."""
     delays = Delays()
     delays.hear("page hand", 5.0, 7.0)
     why = delays.late("page hand")

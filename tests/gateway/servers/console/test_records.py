@@ -1,4 +1,5 @@
-"""A page has records made on the server's machine, and looks at them; none comes onto the bus."""
+"""A page makes records on the server's computer and reads them; none is published on the
+network."""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ def page(running):
 
 @pytest.fixture
 def record(tmp_path):
-    """One of ten seconds."""
+    """A record of ten seconds."""
     folder = tmp_path / "records"
     folder.mkdir()
     writer = RecordWriter(folder / "one.mcap")
@@ -64,7 +65,7 @@ def record(tmp_path):
 
 @pytest.fixture
 def recorder(running):
-    """A program that records nothing."""
+    """A recorder program that records nothing."""
     running.server._records._command[:4] = [sys.executable, "-c", RECORDER]
 
 

@@ -1,5 +1,5 @@
-"""A session's simulated arm, the console's server, and a page that is a program: what ends a hold
-ends the motion."""
+"""A session's simulated arm, the console server, and a program in place of a page: every end of a
+hold ends the motion."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FRAME_S = 0.016
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
-    """A console's server beside a session."""
+    """A console server for a session."""
     folder = tmp_path_factory.mktemp("console")
     endpoint = free_endpoint()
     path = folder / "session.toml"
@@ -48,7 +48,7 @@ def running(tmp_path_factory):
 
 
 class Watcher(threading.Thread):
-    """Keeps a page's messages about the arm, and answers the server's clock."""
+    """Stores a page's messages about the arm, and replies to the server's pings."""
 
     def __init__(self, page):
         super().__init__(daemon=True)
@@ -67,7 +67,7 @@ class Watcher(threading.Thread):
 
 
 def held(page, watcher, seen=lambda: True):
-    """Hold on until the arm moves, and that is seen."""
+    """Hold until the arm moves and `seen()` is true."""
     page.jog(False)
     end_s = time.monotonic() + WAIT_S
     while not (watcher.status and watcher.status["moving"] and seen()):
@@ -138,7 +138,7 @@ def test_a_second_page_waits_for_the_first(running):
 
 
 def verb(page, source, name, value=None):
-    """Ask the arm, as `source`; why it refuses, or ""."""
+    """Send a request to the arm as `source`; return the reason if it is refused, or ""."""
     request = {"id": 1, "source": source, "verb": name}
     if value is not None:
         request["value"] = value
@@ -151,13 +151,13 @@ def verb(page, source, name, value=None):
 def test_the_authority_is_asked_for_and_handed_over_and_stop_needs_none(running):
     with page_program(running) as first, page_program(running) as second:
         one, other = (each.begin()["source"] for each in (first, second))
-        # The pages of the tests before give it up when they go.
+        # Pages of earlier tests release the arm when they disconnect.
         until(lambda: not verb(first, one, "acquire"), "it is free")
         assert f"'{one}' has authority" in verb(second, other, "acquire")
         requests = f"{ARM}/authority/request"
         first.ask("subscribe", topic=requests, type="cardan_msgs/msg/AuthorityRequest")
         end_s = time.monotonic() + WAIT_S
-        # The bus takes a moment to tell of a subscription.
+        # A new subscription reaches its publisher after a moment.
         while not any(each.get("topic") == requests for each in first.heard):
             assert time.monotonic() < end_s
             second.ask("cardan.ask", arm=ARM, owner=one)

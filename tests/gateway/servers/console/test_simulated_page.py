@@ -1,4 +1,4 @@
-"""A simulated page at the level of the wire, the console's server, and the driver behind it."""
+"""A simulated page at protocol level, the console server, and the driver behind it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Browsers get the page from the server, with all that it is told with each file."""
+"""Browsers load the page from the server, with the right headers for each file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.matrix
 
 
 def get(running, path="/", **headers):
-    """The answer to GET."""
+    """Response to GET."""
     request = urllib.request.Request(f"http://127.0.0.1:{running.port}{path}", headers=headers)
     try:
         return urllib.request.urlopen(request, timeout=WAIT_S)
