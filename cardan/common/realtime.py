@@ -1,4 +1,5 @@
-"""Real-time scheduling of a control loop: precedence on the processor and in the interpreter."""
+"""What a control loop asks of the system: precedence on the processor and in the interpreter, and
+processors that do not sleep."""
 
 from __future__ import annotations
 
@@ -30,6 +31,29 @@ def ask_for_real_time() -> str:
         os.setpriority(os.PRIO_PROCESS, 0, NICE)
         return "raised priority"
     return "ordinary"
+
+
+LATENCY_FILE = "/dev/cpu_dma_latency"
+"""File of Linux' power management: the latency written into it, as a native 32-bit integer of µs,
+is the longest time in which a processor may wake, for as long as the file is open."""
+
+_awake: list[int] = []
+"""Descriptor of the open file, if there is one."""
+
+
+def keep_processors_awake(*, awake: bool) -> None:
+    """Keep the processors from sleeping, or let them, until changed or until this process ends.
+
+    A processor that sleeps wakes tens of µs after a message has arrived. Linux allows this to
+    users who may write LATENCY_FILE. It costs power, as idle processors poll. A process with
+    ordinary scheduling by SCHEDULING_VARIABLE does not ask for it.
+    """
+    if awake and not _awake and os.environ.get(SCHEDULING_VARIABLE) != "ordinary":
+        with contextlib.suppress(OSError):
+            _awake.append(os.open(LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC))
+            os.write(_awake[0], bytes(4))
+    elif not awake and _awake:
+        os.close(_awake.pop())
 
 
 SWITCH_INTERVAL_S = 1e-4

@@ -175,6 +175,8 @@ class OperatorDevice(Driver):
     _in_child = False
     """True if it was open in the parent process at a fork."""
     _reading: _StateReader | None = None
+    _direct: tuple[Callable[[], object], ...] = ()
+    """Calls within `_notify`."""
 
     @cached_property
     def _changed(self) -> threading.Condition:
@@ -231,7 +233,9 @@ class OperatorDevice(Driver):
         while (state := reader.next()) is not None:
             yield state
 
-    def on_state(self, callback: Callable[[DeviceState], object]) -> Callable[[], None]:
+    def on_state(
+        self, callback: Callable[[DeviceState], object], *, own_thread: bool = True
+    ) -> Callable[[], None]:
         """Call `callback` with the present state and each new one, until the device is closed.
 
         A thread of its own makes the calls in sequence: a slow callback misses states, and delays
@@ -239,8 +243,20 @@ class OperatorDevice(Driver):
         `threading.excepthook`, which prints it; the device continues. The returned function ends
         the calls, too, and waits for a running one. Raises NotOpenError, and OptionError if
         `callback` is not callable.
+
+        Without `own_thread` the driver's thread makes the calls, after each report, one thread
+        earlier: `callback` may neither raise nor take more than some tens of µs, and may be called
+        once more after the returned function.
         """
         require(callable(callback), "callback", callback, "a function that takes a state")
+        if not own_thread:
+            call_at_once: Callable[[], object] = lambda: callback(self.state())  # noqa: E731
+            self._direct = (*self._direct, call_at_once)
+
+            def end() -> None:
+                self._direct = tuple(each for each in self._direct if each is not call_at_once)
+
+            return end
         reader = _StateReader(self)
 
         def call() -> None:
@@ -265,6 +281,8 @@ class OperatorDevice(Driver):
         with self._changed:
             self._notified += 1
             self._changed.notify_all()
+        for call in self._direct:
+            call()
 
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:

@@ -8,7 +8,7 @@ import time
 from abc import abstractmethod
 from typing import Any, ClassVar, TypeVar
 
-from cardan.bus.node import BusNode, MatchedEndpoints, Publisher, WaitingSubscription
+from cardan.bus.node import BusNode, MatchedEndpoints, Publisher, Received, WaitingSubscription
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.handheld.core import PhoneCore, XrCore
 from cardan.drivers.handheld.options import PhoneOptions, XrOptions
@@ -150,8 +150,12 @@ class BusMixin(ReaderMixin[C]):
             if time.monotonic() >= until_s:
                 raise DeviceNotFoundError(self._why_missing())
             time.sleep(LOOK_S)
+        messages = self._messages
         with self._lock:
             self._core.on_opened(time.monotonic())
+            messages.handler = self._on_received
+            while (received := messages.poll()) is not None:
+                self._core.on_received(received, time.monotonic())
         if self._feedback_topic:
             self._rumbler = Rumbler(bus.publisher(self._feedback_topic, FEEDBACK_TYPE))
 
@@ -160,14 +164,21 @@ class BusMixin(ReaderMixin[C]):
         assert messages is not None
         assert presence is not None
         while not stop.is_set():
-            received = messages.wait(self._wait_s())
-            if received is not None:
-                with self._lock:
-                    self._core.on_received(received, time.monotonic())
-                self._notify()
-            elif not presence.others():
+            self._await_message(messages, self._wait_s())
+            if not presence.others():
                 raise DeviceNotFoundError(self._why_gone())
             self._attend()
+
+    def _await_message(self, messages: WaitingSubscription, timeout_s: float) -> None:
+        # One may be queued yet that came while the handler was set.
+        if (received := messages.wait(timeout_s)) is not None:
+            self._on_received(received)
+
+    def _on_received(self, received: Received) -> None:
+        """Process a message, in a thread of the bus."""
+        with self._lock:
+            self._core.on_received(received, time.monotonic())
+        self._notify()
 
     def _wait_s(self) -> float:
         """Longest time until the next call of `_attend`."""

@@ -105,10 +105,7 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
                     + "; ".join(self.diagnosis())
                 )
             self._renew()
-            received = messages.wait(LOOK_S)
-            if received is not None:
-                with self._lock:
-                    self._core.on_received(received, time.monotonic())
+            self._await_message(messages, LOOK_S)
 
     def _wait_s(self) -> float:
         with self._lock:

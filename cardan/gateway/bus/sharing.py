@@ -22,7 +22,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.tls import TlsWatch, tls_obstacle
 from cardan.common.haptics import HapticCommand, HapticState, MeasuredForce
 from cardan.common.options import Options, require
-from cardan.common.realtime import ask_for_real_time
+from cardan.common.realtime import ask_for_real_time, keep_processors_awake
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.registry import DriverTable
@@ -539,6 +539,7 @@ def share_until(
     name is taken."""
     core = ShareCore(driver, secrets.randbits(63) | 1)
     topic = state_topic(options.name)
+    ask_for_real_time()  # Before the threads that opening starts.
     with contextlib.ExitStack() as stack:
         node = stack.enter_context(BusNode(options.bus, f"cardan_share_{options.name}"))
         others = node.presence(PUBLISHER, topic)
@@ -556,31 +557,52 @@ def share_until(
         news = News(router, routed=bool(node.neighbors()[0]))
         tls = TlsWatch(partial(tls_obstacle, zenoh_config(options.bus)))
         look_s = time.monotonic()
-        stack.callback(device.on_state(lambda _state: claims.wake()))
-        ask_for_real_time()
-        ready(topic)
+        stack.callback(keep_processors_awake, awake=False)
         codec = codec_of(STATE_TYPE)
         force_end = DeviceEnd(device) if isinstance(device, HapticDevice) else None
-        while not stop.is_set() and (now_s := time.monotonic()) < end_s:
-            force_due_s = math.inf if force_end is None else force_end.due_s
-            due_s = min(core.due_s, end_s, now_s + FREE_S, force_due_s)
-            received = claims.wait(max(0.0, due_s - now_s))
-            for _ in range(MAX_CLAIMS):
-                if received is None:
-                    break
-                core.on_received(received, time.monotonic())
-                received = claims.poll()
+        turn = threading.Lock()
+        due_s = math.inf
+
+        def offer(now_s: float) -> DeviceState:
+            """Publish the newest state if that is due; return it."""
             edges, state = device.button_events(), device.state()
-            now_s = time.monotonic()
-            if force_end is not None:
-                force_end.cycle(*core.order(now_s), now_s)
             haptic_feedback = None if force_end is None else force_end.haptic_feedback
             shared = core.offer(state, edges, device.capabilities, now_s, haptic_feedback)
             if shared is not None:
                 publisher.put(codec.encode(shared_message(shared)), time.time_ns())
-            if (feedback := core.feedback_due(now_s)) is not None:
+            return state
+
+        def on_state(_state: DeviceState) -> None:
+            with turn:
+                offer(time.monotonic())
+            if core.due_s < due_s:
+                claims.wake()
+
+        stack.callback(
+            device.on_state(on_state, own_thread=False)
+            if force_end is None
+            else device.on_state(lambda _state: claims.wake())
+        )
+        ready(topic)
+        while not stop.is_set() and (now_s := time.monotonic()) < end_s:
+            force_due_s = math.inf if force_end is None else force_end.due_s
+            due_s = min(core.due_s, end_s, now_s + FREE_S, force_due_s)
+            received = claims.wait(max(0.0, due_s - now_s))
+            with turn:
+                for _ in range(MAX_CLAIMS):
+                    if received is None:
+                        break
+                    core.on_received(received, time.monotonic())
+                    received = claims.poll()
+                now_s = time.monotonic()
+                if force_end is not None:
+                    force_end.cycle(*core.order(now_s), now_s)
+                state, lessee = offer(now_s), core.lessee(now_s)
+                feedback, counts = core.feedback_due(now_s), dict(core.counts)
+            keep_processors_awake(awake=bool(lessee))
+            if feedback is not None:
                 _give(device, feedback)
-            lines = news.of(state, core.lessee(now_s), core.counts)
+            lines = news.of(state, lessee, counts)
             if now_s >= look_s:
                 look_s = now_s + NEWS_S
                 others_there = [each.full_node for each in others.others()]

@@ -21,7 +21,11 @@ from typing import Any
 
 from cardan.common.logs import LogFormat, log_to_stderr
 from cardan.common.output import dropping_text
-from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
+from cardan.common.realtime import (
+    ask_for_real_time,
+    keep_processors_awake,
+    share_interpreter_promptly,
+)
 from cardan.common.resource_errors import shortage
 from cardan.common.signals import ignore_ending, take_ending
 from cardan.drivers.base import OperatorDevice, RobotDriver
@@ -257,6 +261,7 @@ def main(arguments: list[str] | None = None) -> int:
         take_ending(lambda _signal: session.stop(STOPPED_ON_REQUEST))
         last = session.snapshot
         last.scheduling = ask_for_real_time()
+        keep_processors_awake(awake=True)
         share_interpreter_promptly()
         session.run(options.seconds)
         code = EXIT_OK
