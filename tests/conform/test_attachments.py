@@ -1,4 +1,4 @@
-"""A capture that readers of captures take, and a record with every byte."""
+"""A capture that dissectors of captures read, and a record with every byte."""
 
 from __future__ import annotations
 
