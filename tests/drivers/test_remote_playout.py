@@ -154,8 +154,8 @@ def test_motion_is_stretched_and_shortened_by_a_tenth_at_most():
 
 
 def moved(bench, seconds, each=lambda: None, amplitude=0.5):
-    """Run with a deflection that encodes its own time; yield the device states of the session, each
-    with the time of its deflection."""
+    """Run with a deflection that encodes its own time; return (time, device state, time of its
+    deflection) of each step."""
     seen = []
 
     def step():
