@@ -26,7 +26,7 @@ def main() -> int:
         package: {each for each in waiting if f"<depend>{each}<" in texts["package.xml"]}
         for package, texts in files.items()
     }
-    for package in waiting:  # As rosidl does, without being told.
+    for package in waiting:  # implicit dependencies of rosidl
         if any(each.startswith(("srv/", "action/")) for each in files[package]):
             needs[package] |= {"service_msgs"}
         if any(each.startswith("action/") for each in files[package]):
@@ -34,7 +34,7 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp())
     hashes: dict[str, str] = {}
     while waiting:
-        # In the order of their needs: it reads what it wrote of those before.
+        # In the order of dependencies: it reads its own output for earlier packages.
         package = next(each for each in sorted(waiting) if not needs[each] & waiting)
         waiting.remove(package)
         texts = {path: text for path, text in files[package].items() if "/" in path}

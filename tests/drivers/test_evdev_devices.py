@@ -37,7 +37,7 @@ def wait_for(condition, what):
 
 
 # ---------------------------------------------------------------------------------------------
-# What the system has
+# Device nodes of the system
 
 
 def words_of(codes):
@@ -240,7 +240,7 @@ def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
             wait_for(lambda: not pad.state().buttons, "not released")
 
 
-# -- devices that are no gamepads, though they look like one or are sold as one
+# -- devices that only resemble gamepads
 
 JOYSTICK = BY_KEY["logitech-f310-d"]
 SWITCH = "set the switch on its back to X"

@@ -35,7 +35,7 @@ def flags(name: str) -> set[str]:
     return {flag for parameter in parameters for flag in parameter.opts}
 
 
-# -- those there are ------------------------------------------------------------------------------
+# -- registered peers
 
 
 def test_the_help_lists_every_peer_with_its_summary():

@@ -303,7 +303,7 @@ def test_ramp_in_holds_back_position_and_speed():
 
 
 # ---------------------------------------------------------------------------------------------
-# What stops it
+# Causes of stops
 
 
 def test_comm_timeout_with_a_speed_keeps_moving_until_then():

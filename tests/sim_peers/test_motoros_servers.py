@@ -813,7 +813,7 @@ def test_names_of_faults_are_unique_and_all_can_be_set():
     assert world.servers.silent
 
 
-# -- anything at all ------------------------------------------------------------------------------
+# -- arbitrary input
 
 VALID = [
     PING,
