@@ -166,7 +166,7 @@ class Chain:
         self.egm.answered(now_s)
         return 1
 
-    # -- results
+    # -- results --------------------------------------------------------------------------------
 
     def between(self, start_s: float, end_s: float) -> list[Sample]:
         return [s for s in self.samples if start_s <= s.time_s < end_s]

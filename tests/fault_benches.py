@@ -216,7 +216,7 @@ class Bench(ABC):
     def period_s(self) -> float:
         """Sampling period of `joints`."""
 
-    # -- results
+    # -- results ----------------------------------------------------------------------------------
 
     def path(self) -> tuple[Array, Array]:
         """Return times, s, and positions of the TCP, m."""

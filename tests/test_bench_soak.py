@@ -421,7 +421,7 @@ def test_the_page_gets_the_reports_tables(reported, tmp_path):
     assert markdown(table, page.violations_of(reported)).splitlines()[2] in text
 
 
-# -- complete runs
+# -- complete runs --------------------------------------------------------------------------------
 
 
 def test_a_short_run_ends_in_good_order_when_it_is_interrupted(tmp_path_factory):

@@ -70,7 +70,7 @@ def test_every_corpus_file_has_a_target_and_its_inputs_names():
         assert all(names)
 
 
-# -- completeness of the list of targets
+# -- completeness of the list of targets ----------------------------------------------------------
 
 TARGETS = Path(__file__).parents[1] / "fuzz" / "targets"
 

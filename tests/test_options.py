@@ -225,7 +225,7 @@ def test_an_error_below_a_table_stays_what_it_is():
     assert str(ConfigurationError("a", "is odd").below("")) == "a: is odd"
 
 
-# -- all registered options
+# -- all registered options ------------------------------------------------------------------------
 
 
 def with_inside(options: type[Any]) -> list[type[Any]]:

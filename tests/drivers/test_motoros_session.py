@@ -581,7 +581,7 @@ def test_another_client_that_takes_the_place_is_not_fought_for_ever():
     assert taken <= 9  # within 10 s, finally at intervals of 2 s
 
 
-# -- requests
+# -- requests -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -290,7 +290,7 @@ def test_a_link_that_is_cut_in_one_direction_stops_in_time(way, playout_ms):
     assert bench.state.link is DeviceLink.LIVE
 
 
-# -- wrong clocks
+# -- wrong clocks ---------------------------------------------------------------------------------
 
 
 SEEDS_NOW = {"-lan": 0, "-lte": 1, "playout-lan": 2, "playout-lte": 3}

@@ -150,7 +150,7 @@ def test_motion_is_stretched_and_shortened_by_a_tenth_at_most():
     assert max(spans) <= 1.1 + 1e-9
 
 
-# -- states without playout
+# -- states without playout -----------------------------------------------------------------------
 
 
 def moved(bench, seconds, each=lambda: None, amplitude=0.5):

@@ -278,7 +278,7 @@ def test_closing_ends_the_calls(hand):
     assert threading.active_count() == before
 
 
-# -- all devices
+# -- all devices -------------------------------------------------------------------------------
 
 DEVICES = [name for name, kind in ours(registry).items() if issubclass(kind, OperatorDevice)]
 

@@ -205,7 +205,7 @@ def example_of(field, number):
     return [one() for _ in range(count)]
 
 
-# -- malformed bytes
+# -- malformed bytes ------------------------------------------------------------------------------
 
 
 @settings(max_examples=examples(300), deadline=None)
@@ -348,7 +348,7 @@ def test_a_default_may_have_what_begins_a_comment_elsewhere():
     assert field.default == '"it # 1"'
 
 
-# -- messages in user input
+# -- messages in user input -----------------------------------------------------------------------
 
 
 def test_missing_fields_take_their_defaults():

@@ -328,7 +328,7 @@ def test_a_size_that_no_real_time_packet_has(size):
     assert reader.failure == f"a packet of {size} bytes: this is no real-time interface"
 
 
-# -- end of a script
+# -- end of a script -------------------------------------------------------------------------------
 
 NESTED = """def a():
   def b(x):

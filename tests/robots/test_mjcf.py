@@ -141,7 +141,7 @@ def origin_of(text, joint):
     return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
 
 
-# -- Comparison with MuJoCo
+# -- Comparison with MuJoCo -------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -327,7 +327,7 @@ def test_efforts_are_those_of_the_weakest():
     assert effort('<velocity class="weak" joint="j"/>', head=weak) == "2.0"
 
 
-# -- Coupled joints
+# -- Coupled joints ---------------------------------------------------------------------------
 
 FINGERS = """<body name="f"><joint name="k" type="slide" range="0 0.04" ref="0.01"/>
   <geom size="0.01"/></body><body name="g"><joint name="l" type="slide" range="0 0.04"/>

@@ -192,7 +192,7 @@ def test_what_others_refuse_is_refused(text, words):
         parse_urdf(text)
 
 
-# -- Malicious files
+# -- Malicious files --------------------------------------------------------------------------
 
 
 def chain(count):

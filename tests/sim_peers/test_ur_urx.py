@@ -1,4 +1,4 @@
-"""urx, unmodified, with the simulated controller: it reads the secondary interface, sends lines.
+"""urx, unmodified, with the simulated controller: it reads the secondary interface and sends lines.
 
 Its ports are fixed, so the controller has an address of its own on loopback. It takes the state of
 a robot for one that runs up to 3.4: later ones are of a size that it does not know. Its linear and
