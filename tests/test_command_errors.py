@@ -1,4 +1,4 @@
-"""Errors of commands: one line with exit code 2, and broken parts leave the rest usable."""
+"""Errors of commands: one line with exit code 2; broken parts leave the rest usable."""
 
 import dataclasses
 import sys
@@ -92,7 +92,7 @@ PLUGINS = {
 
 @pytest.fixture
 def plugins(monkeypatch):
-    """Drivers, a peer and a filter of other packages, each broken in its own way."""
+    """Register drivers, a peer and a filter of other packages, each broken in its own way."""
     points = [EntryPoint(name, target, "group") for name, target in PLUGINS.items()]
     shadow = EntryPoint("spacemouse", f"{__name__}:Mute", "group")
     peers = [
@@ -110,7 +110,7 @@ def plugins(monkeypatch):
 
 @pytest.fixture
 def cardan(monkeypatch, capsys):
-    """The command, in this process; gives its output."""
+    """Run the command in this process; return its output."""
 
     def run(*words, code=0):
         monkeypatch.setattr(sys, "argv", ["cardan", *map(str, words)])

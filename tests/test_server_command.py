@@ -1,4 +1,4 @@
-"""Every server has its command, made of its options; a server serves until it is told to end."""
+"""Every server has a command, generated from its options; it serves until it is told to end."""
 
 import signal
 import subprocess
@@ -31,13 +31,13 @@ WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
 @dataclass(frozen=True, kw_only=True)
 class EchoServerOptions(Options):
     port: int = 9090
-    """Where it listens, as [server] would have it."""
+    """Listening port, under its key in [server]."""
     shout: bool = True
-    """In capitals."""
+    """Upper case."""
     form: Literal["short", "long"] = "short"
     patience_s: float = 2.0
     names: tuple[str, ...] = ("echo",)
-    """Names that it answers to."""
+    """Names that the server answers to."""
     secret: str = field(default="", metadata=CODE_ONLY)
 
 
