@@ -31,13 +31,13 @@ WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
 @dataclass(frozen=True, kw_only=True)
 class EchoServerOptions(Options):
     port: int = 9090
-    """Listening port, under its key in [server]."""
+    """Where it listens, as [server] would have it."""
     shout: bool = True
-    """Upper case."""
+    """In capitals."""
     form: Literal["short", "long"] = "short"
     patience_s: float = 2.0
     names: tuple[str, ...] = ("echo",)
-    """Names that the server answers to."""
+    """Names that it answers to."""
     secret: str = field(default="", metadata=CODE_ONLY)
 
 
