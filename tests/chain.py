@@ -188,7 +188,7 @@ class Chain:
         return max((abs(b.speed - a.speed) / window_s for a, b in pairs), default=0.0)
 
     def rests_from(self, tolerance_m: float = 2e-4) -> float:
-        """Return the time from which on the TCP has kept its last position."""
+        """Return the time when the TCP reached its last position."""
         last = self.samples[-1].position
         for sample in reversed(self.samples):
             if norm(subtract(sample.position, last)) > tolerance_m:

@@ -64,8 +64,6 @@ def tried(suite_name: str) -> tuple[Tried, ...]:
 
 
 def requirements_of(suite: str) -> Callable[[], str]:
-    """Return the requirements of a suite."""
-
     def table() -> str:
         rows = [
             (each.id, str(int(each.level)), each.text, each.source)
@@ -94,7 +92,6 @@ def section_of(suite: str) -> str:
 
 
 def suites() -> str:
-    """Return all suites."""
     rows = []
     for name in registry.names():
         suite = registry.load(name)

@@ -128,7 +128,6 @@ class Bench(ABC):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """Capabilities of the driver."""
         return self.driver.capabilities
 
     def __enter__(self: _B) -> _B:

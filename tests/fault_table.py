@@ -135,7 +135,7 @@ class Row(NamedTuple):
 
     @property
     def too_much(self) -> str:
-        """Return the values that exceed the request as text; empty if none does."""
+        """Return, as text, the values above the request; empty if there is none."""
         found = []
         if self.motion.peak_m_s > HIGHEST_M_S:
             found.append(f"{1e3 * self.motion.peak_m_s:.0f} mm/s")

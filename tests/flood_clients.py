@@ -160,7 +160,6 @@ class _Web(_Stream):
         """Send the first messages."""
 
     def send(self, **fields: Any) -> None:
-        """Send an operation."""
         self.connection.send(json.dumps(fields))
 
 

@@ -55,8 +55,8 @@ WATCHED_S = 6.0
 COUNTED_S = 1.0
 """Duration of the measurement of a message's cost."""
 MOST_PER_S = 1e6
-"""Rate limit for messages whose cost is too small to be measured: higher than any client
-reaches."""
+"""Highest assumed rate, above that of any client, for messages whose cost is too small to be
+measured."""
 
 RATES = (0.5, 2.0, 10.0)
 """Multiples of the sustainable rate."""

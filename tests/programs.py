@@ -1,4 +1,4 @@
-"""Whole commands in processes of their own."""
+"""Whole commands in separate processes."""
 
 import contextlib
 import re
@@ -11,7 +11,7 @@ from tests.waiting import WITHIN_S, until
 
 
 class Program:
-    """``cardan WORDS`` in a process of its own; it is killed at the end of the block. `at`: prefix
+    """``cardan WORDS`` in a separate process, which is killed at the end of the block. `at`: prefix
     of the command line that executes it."""
 
     def __init__(self, *words, at=(), **options):

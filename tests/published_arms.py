@@ -484,7 +484,6 @@ class Measured:
 
 
 def row(published: Published) -> list[str]:
-    """Return its row of the table."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as empty:
         return _row(Measured(published, Path(folder)), loading(published, Path(empty)))
 

@@ -1,9 +1,9 @@
 """Generator of tests/results/remote-faults.md: reactions of the arm to faults of the network and of
 the operator's computer.
 
-To write it anew: ``make fault-table``, or ``python -m tests.remote_fault_table``. All in virtual
-time: `cardan devices share` and the driver's core, a network between them, and a session's control
-core in front of a simulated arm.
+To update it: ``make fault-table``, or ``python -m tests.remote_fault_table``. All in virtual time:
+`cardan devices share` and the driver's core, a network between them, and a session's control core
+in front of a simulated arm.
 """
 
 from __future__ import annotations
@@ -203,8 +203,6 @@ OVERTAKEN_S = 0.06
 
 
 class Fault(NamedTuple):
-    """Fault and its duration."""
-
     act: Callable[[RemoteOperator, float], None]
     lasts_s: float = 0.0
     before: Callable[[RemoteOperator], None] = lambda pilot: None

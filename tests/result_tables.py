@@ -37,7 +37,6 @@ class Results(NamedTuple):
         return f"Written by `{self.command}`; [{self.page}](../../{self.page}) says what it means."
 
     def read(self) -> str:
-        """Return the table."""
         return (ROOT / self.file).read_text(encoding="utf-8").partition("\n\n")[2]
 
     def write(self, made: str) -> None:

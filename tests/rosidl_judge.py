@@ -1,7 +1,8 @@
-"""ROS 2's own rosidl on the definitions here: it parses each file and computes each type's hash.
+"""Check of the definitions by ROS 2's own rosidl, which parses each file and computes each type's
+hash.
 
-In an environment of `tools/ros2`; PYTHONPATH is this source tree, for the definitions alone. It
-says what differs, and then ends with exit code 1.
+It runs in an environment of `tools/ros2`, with PYTHONPATH set to this source tree for the
+definitions. It prints differences, and then exits with code 1.
 """
 
 import contextlib

@@ -20,7 +20,7 @@ MAYBE = re.compile(rf'(?:"|#|[.:;!?]\s)\s*{_BEGINS}')
 NO_NOUN = re.compile(r"\s*(?:As|Of|Where|Whose)\b")
 """Beginning of a docstring that should begin with an imperative or a noun."""
 LONGEST = 120
-"""Of a sentence in a message, characters."""
+"""Limit on a sentence in a message, characters."""
 
 
 def sentences(text: str) -> list[str]:

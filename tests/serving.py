@@ -47,7 +47,6 @@ def in_a_thread(peer: _P) -> Iterator[_P]:
 
 
 def free_udp_port() -> int:
-    """Return an unused UDP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -60,7 +59,6 @@ def free_endpoint() -> str:
 
 
 def free_tcp_port() -> int:
-    """Return an unused TCP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

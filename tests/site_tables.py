@@ -1,7 +1,7 @@
 """Tables that only the documentation's site has, not the pages in the repository.
 
-Each is made from what the code or the tests declare. In the page its place has a marker and one
-line that says which command prints the same; `filled` puts the table there, for the site
+Each is generated from declarations in the code or the tests. In the page its place has a marker,
+and a line with the command that prints the same; `filled` puts the table there, for the site
 (docs/site/conf.py) and for the tests that read pages. Tables of results that take a run to get are
 read from tests/results (result_tables).
 

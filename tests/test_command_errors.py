@@ -20,7 +20,7 @@ from tests.gateway.fakes import FakeDevice
 
 
 class Searching(FakeDevice):
-    """Its search fails."""
+    """Driver whose search fails."""
 
     @classmethod
     def find(cls):
@@ -28,54 +28,54 @@ class Searching(FakeDevice):
 
 
 class Failing(FakeDevice):
-    """Its constructor fails."""
+    """Driver whose constructor fails."""
 
     def __init__(self, options=None, **keywords):
         raise KeyError("boom")
 
 
 class Abstract(OperatorDevice):
-    """It implements nothing."""
+    """Driver without its abstract methods."""
 
     Options = FakeDevice.Options
 
 
 class Mute(FakeDevice):
-    """It does not say what it gives."""
+    """Driver without capabilities."""
 
     capabilities: ClassVar = None
 
 
 class Stateless(FakeDevice):
-    """Its state fails."""
+    """Driver whose state fails."""
 
     def state(self):
         return self.nothing
 
 
 class Silent(FakeDevice):
-    """It has no words about itself."""
+    """Driver without a diagnosis."""
 
     def diagnosis(self):
         return None
 
 
 class NoTable(FakeDevice):
-    """It has no options."""
+    """Driver without options."""
 
     Options = None
 
 
 class FailingFilter(TwistFilter):
-    """It implements nothing."""
+    """Filter without its abstract methods."""
 
     @dataclasses.dataclass(frozen=True)
     class Options:
-        """Nothing can be set."""
+        """Options without fields."""
 
 
 class NoPeerOptions(PeerCommand):
-    """A peer without options."""
+    """Peer without options."""
 
 
 PLUGINS = {

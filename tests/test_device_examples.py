@@ -31,7 +31,7 @@ GOES_ON_S = 1.5
 """Duration of a session after that: as long as the first strokes of every short script."""
 
 PRESSED_N = 0.4
-"""Least force at a device that presses against an obstacle; for plugins/."""
+"""Least feedback force while a device presses against an obstacle; used by tests of plugins/."""
 
 SCRIPTS = {
     "gamepad-ur5-simulated.toml": "short",

@@ -1,11 +1,10 @@
 """Every device with every kind of loss, in virtual time: it becomes neutral in time, and only a
 neutral state makes it live again.
 
-The hand deflects the device (holds the clutch); then its reports stop, arrive cut short or as
-noise, or it is unplugged. 100 ms after the last good report the state must be neutral (`within_s`
-says which need a little longer), and stay so when all is well again while the hand has not let go.
-The table of docs/devices.md is made of what
-this measures: ``make device-table``.
+The device is deflected (the clutch held); then its reports stop, arrive cut short or as noise, or
+it is unplugged. 100 ms after the last good report the state must be neutral (a few devices have a
+longer `within_s`). It must stay neutral after the fault as long as the device is still deflected.
+The table of docs/devices.md has these measurements: ``make device-table``.
 """
 
 import random

@@ -156,8 +156,8 @@ OPTIONS_OF = {driver.Options: name for name, driver in ours(registry).items()}
 
 
 def options_table(page, options):
-    """Return the rows about a driver's options on a page, including its own section if several
-    drivers share the page."""
+    """Return the table of a driver's options; on a page that drivers share, with the driver's own
+    section."""
     reported = section(text(page), "Options")
     own = f"Options of `{OPTIONS_OF.get(options)}`"
     shared, *_ = re.split(r"^### Options of ", reported, flags=re.MULTILINE)

@@ -1,5 +1,5 @@
 """Type checkers accept the programs of the pages and examples, and know the options of every
-driver; editors get these from them."""
+driver, which editors offer for completion."""
 
 from __future__ import annotations
 

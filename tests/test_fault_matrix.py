@@ -1,7 +1,7 @@
 """Motion of the robot, in numbers, with every fault switch of both peers in the whole chain.
 
-The hand grips at 0.8 s and pulls at 50 mm/s from 1.1 s on; at 6.0 s it releases everything, grips
-anew at 6.5 s and pushes from 6.8 s on. All in virtual time.
+The hand grips at 0.8 s and pulls at 50 mm/s from 1.1 s on; at 6.0 s it releases everything, at 6.5
+s it grips again, and from 6.8 s on it pushes. All in virtual time.
 """
 
 import pytest

@@ -1,6 +1,6 @@
 """Short fuzzing: every run tries the stored inputs, and gives every target some damaged input.
 
-``make fuzz`` is the long run; docs/beyond-make-test.md says what a finding is.
+``make fuzz`` is the long run; docs/beyond-make-test.md defines findings.
 """
 
 from __future__ import annotations

@@ -33,7 +33,6 @@ def found(words):
 
 
 def all_commands(command, *words):
-    """Return the words of all commands."""
     yield words
     if hasattr(command, "list_commands"):
         for name in command.list_commands(None):

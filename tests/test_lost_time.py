@@ -1,8 +1,8 @@
 """Time lost between two commands raises neither speed nor acceleration of a robot above the
 request.
 
-The core here is the simplest that goes on by one nominal period in each tick: a constant speed,
-reached with a ramp. All else is the real driver's and the simulated controller's, in virtual time.
+The core here is the simplest one that advances by a nominal period in each tick: a constant speed,
+reached by a ramp. Drivers are the real ones, controllers are simulated, in virtual time.
 """
 
 from __future__ import annotations

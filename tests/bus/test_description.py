@@ -66,7 +66,7 @@ def test_topics_have_one_by_default_and_are_checked():
 
 @contextlib.contextmanager
 def publishing(*texts, type_name=TYPE, latched=True):
-    """Publish each text by a node of its own; yield options that join their bus."""
+    """Publish each text from a separate node; yield options that join their bus."""
     endpoint, retained = free_endpoint(), []
     with contextlib.ExitStack() as opened:
         options = BusOptions(router="", listen=(endpoint,))

@@ -11,7 +11,7 @@ from cardan.conform.run import simulated
 @pytest.mark.matrix("1.0", "2.0", "5.0", "7.0", "10.0")
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 2.0, 5.0, 7.0, 10.0])
 def test_a_faultless_controller_is_not_failed_by_where_its_runs_end(seconds):
-    """With some durations the hold phase begins where the listening phase has just ended."""
+    """With some durations the hold phase begins as the listening phase has just ended."""
     report, _ = simulated(registry.load("egm"), Level.BY_HAND, seconds=seconds)
     assert report.failed == ()
 

@@ -38,9 +38,9 @@ class Bench:
             self.core = KeyboardCore(options or KeyboardOptions(ramp_s=0.0))
         self.mangle = mangle or (lambda packet: [packet])
         self.answers = True
-        """Whether the device answers queries of its state."""
+        """True if the device answers queries of its state."""
         self.read = True
-        """Whether the reader runs."""
+        """True if the reader runs."""
         self.now_s = 0.0
         self.states = []
         self._arrived = []

@@ -60,7 +60,7 @@ class Link(NamedTuple):
 LAN = Link()
 
 AHEAD_BYTES = 1 << 16
-"""Most other traffic queued ahead of a state (docs/remote.md: pictures)."""
+"""Limit on other traffic queued ahead of a state (docs/remote.md, pictures)."""
 
 
 class Way:

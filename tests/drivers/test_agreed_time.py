@@ -21,7 +21,7 @@ def heard(arrivals, clock=lambda t: 7.0 + t, period_s=PERIOD_S, simulated=False)
 
 
 def sent(seconds, late=lambda t: 0.0):
-    """Return send and arrival times of states with a delay for each, without overtaking."""
+    """Yield send and arrival times of states with given delays; no state overtakes another."""
     came_s = 0.0
     for n in range(round(seconds / PERIOD_S)):
         came_s = max(came_s, n * PERIOD_S + late(n * PERIOD_S))

@@ -237,7 +237,7 @@ class TestLoop:
     ) -> None:
         sock = robot._socket
         assert sock is not None
-        os.set_blocking(sock.fileno(), False)  # as gevent has it
+        os.set_blocking(sock.fileno(), False)  # like gevent
         cycles = robot.cycles()
         end_s, waiting = time.monotonic() + 0.5, 0
         while time.monotonic() < end_s:
@@ -647,7 +647,7 @@ class TestStream:
             due_s = time.monotonic()
             for k in range(1, 40):
                 due_s += PERIOD_S
-                threading.Event().wait(max(due_s - time.monotonic(), 0.0))  # its period
+                threading.Event().wait(max(due_s - time.monotonic(), 0.0))  # for a period
                 stream.command(FAST)
                 peer.say()
                 answer = peer.hear()

@@ -14,7 +14,7 @@ NEVER = threading.Event()
 
 @pytest.fixture
 def reports_devices():
-    """Function that makes a monitor whose socket holds these datagrams."""
+    """Function that returns a monitor whose socket holds these datagrams."""
     with contextlib.ExitStack() as stack:
 
         def make(*datagrams):

@@ -582,8 +582,6 @@ def test_a_flood_of_reports_does_not_keep_the_led_waiting(usb):
 
 
 class Endless:
-    """Endless reports."""
-
     def __init__(self, report):
         self.report = report
 

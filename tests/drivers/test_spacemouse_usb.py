@@ -191,7 +191,6 @@ class FakeLibusb(usb.backend.IBackend):
 
 @pytest.fixture
 def plug(monkeypatch):
-    """Plug pucks in."""
     monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.005)
     pucks = []
     backend = FakeLibusb(pucks)

@@ -363,7 +363,7 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
         hand.do("set_axes", push(0, 0.9))
         reported.until(lambda state: state.axes[0] > 0.6)
         hand.do("unplug")
-        # This daemon says nothing when a serial device is unplugged.
+        # This daemon does not report an unplugged serial device.
         state = until(driver, lambda state: state.link is DeviceLink.STALE)
         assert state.axes == REST
         edges = []

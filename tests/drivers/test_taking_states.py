@@ -80,7 +80,6 @@ def meanwhile(function):
 
 
 def free_tcp_port():
-    """Return an unused TCP port."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return probe.getsockname()[1]
 

@@ -47,7 +47,7 @@ def test_it_starts_moves_and_leaves(robot):
                 if not state.ready and not began:
                     continue
                 if not state.ready:
-                    # This computer stood still for too long.
+                    # This computer was paused for too long.
                     driver.enable()
                     continue
                 if not began:

@@ -73,7 +73,7 @@ class SessionBench(TcpBench):
             self._carry_from_session()
 
     def _deliver(self):
-        """Deliver data that has arrived; data for a process that stands still waits."""
+        """Deliver data that has arrived; a stopped process leaves it queued."""
         now_s = self.now_s
         flight, self._flight, due = self._flight, [], []
         for item in flight:

@@ -135,7 +135,7 @@ WORKED_PATH_CORR = EgmSensorPathCorr(
 
 
 def near(found, expected):
-    """Return equality up to the grid of encoded angles."""
+    """Return whether both are equal up to the grid of encoded angles."""
     if isinstance(expected, tuple):
         return type(found) is type(expected) and all(map(near, found, expected))
     if isinstance(expected, float):

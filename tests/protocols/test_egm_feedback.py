@@ -39,7 +39,7 @@ assert isinstance(USUAL, EgmRobot)
 
 
 def same(found, expected):
-    """Return equality, with NaN equal to NaN."""
+    """Return whether both are equal; NaN equals NaN."""
     return repr(found) == repr(expected)
 
 

@@ -1,5 +1,5 @@
 """The client interfaces byte by byte: sub-packages, real-time packets, messages, and the end of a
-script. The tables are those of UR's guides, written down once more."""
+script. The tables are independent transcripts of UR's guides."""
 
 from __future__ import annotations
 

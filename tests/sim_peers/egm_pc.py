@@ -28,7 +28,7 @@ Reply = Callable[[EgmRobot], "EgmSensor | EgmSensorPathCorr | bytes | None"]
 
 
 class Pc:
-    """Owner of the controller's core; `run` advances both."""
+    """Simulated PC that owns the controller's core; `run` advances both."""
 
     def __init__(self, steps: str = "", **options: object) -> None:
         """`steps`: text of a script, in place of the option `script`."""

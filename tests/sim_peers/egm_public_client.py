@@ -1,7 +1,7 @@
 """Program that runs an unmodified public EGM client: LIBRARY SCENARIO.
 
-A program of its own because the two libraries register different schemas under one file name and
-so cannot share a process. Prints its port, then what it saw as one line of JSON.
+The two libraries register different schemas under one file name, and cannot share a process. The
+program prints its port, then the received data as one line of JSON.
 """
 
 from __future__ import annotations

@@ -819,7 +819,7 @@ def test_path_correction_runs_the_path_and_refuses_guidance():
     assert pc.core.counters.ignored["guidance in path correction mode"] == len(pc.received) - 1
     assert pc.core.tcp.position.y == pytest.approx(0.12, abs=0.01)
     pc.run(3.0)
-    assert pc.core.tcp.position.y == pytest.approx(0.16, abs=0.02)  # on the way back
+    assert pc.core.tcp.position.y == pytest.approx(0.16, abs=0.02)  # on the return
     assert norm(rotation_between(start.orientation, pc.core.tcp.orientation)) < 1e-6
     assert pc.core.events == []
 

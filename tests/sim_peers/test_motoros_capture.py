@@ -248,7 +248,7 @@ def test_points_are_accepted_and_refused_as_by_the_real_controller(real):
 
 @pytest.mark.parametrize("offset_ms", [0.0, 0.3, 0.9, 1.4, 1.9])
 def test_a_client_with_a_steady_retry_sees_the_same(client, offset_ms):
-    """For any phase between its retries and the controller's clock."""
+    """The phase between its retries and the controller's clock is arbitrary."""
     replay = Replay(client, offset_s=offset_ms * 1e-3)
     replay.move()
     assert results(replay.answers, MotionResult.SUCCESS) == 10

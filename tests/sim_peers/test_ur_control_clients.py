@@ -1,7 +1,7 @@
 """Unmodified third-party programs that move Universal Robots arms, with the simulated controller.
 
-The control interface of SDU's ur_rtde uploads a program of 1,200 lines, talks to it by registers,
-and wants the published ports: each controller has an address of its own on loopback.
+The control interface of SDU's ur_rtde uploads a program of 1,200 lines, communicates with it
+through registers, and needs the standard ports: each controller has a separate address on loopback.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """SDU's ur_rtde, unmodified, with the simulated controller: reads, writes, and dashboard requests.
 
-Its port is fixed, so each controller has an address of its own on loopback. The controller is
-another process: the library keeps Python from running while it waits.
+Its port is fixed, so that each controller has a separate address on loopback. The controller is
+another process, because the library blocks Python while it waits.
 """
 
 from __future__ import annotations

@@ -195,7 +195,6 @@ class ReverseClient:
             self._send(1, each)
 
     def cancel(self):
-        """Cancel a trajectory."""
         self.words(Mode.FORWARD, [-1, 0])
 
     def keep(self):
