@@ -1,5 +1,8 @@
-"""Writes the table beside each of our arms: what Pinocchio reads of its files, for programs that
-have no Pinocchio. test_arm_tables holds them current."""
+"""Generator of the tables beside the arms' files: data that Pinocchio reads from them, for programs
+without Pinocchio.
+
+test_arm_tables compares them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from cardan.robots.arm_table import to_table
 
 
 def main() -> None:
-    """Write all of them."""
+    """Write all tables."""
     for name in arm_names():
         texts = our_texts(name)
         table = to_table(texts.build(), content_key(texts.texts), texts.urdf)

@@ -1,4 +1,4 @@
-"""Captures of real controllers. They lie beside the repository, not in it."""
+"""Captures of real controllers. They are stored outside of the repository."""
 
 from __future__ import annotations
 

@@ -23,8 +23,11 @@ def make(folder, days=365, names="DNS:lab,IP:192.0.2.1", more=()):
 
 
 def pair(folder, names=("127.0.0.1",), robot_days=1, operator_days=1, issuer="Cardan pair"):
-    """Paths of authority, and of certificate and key of both, as a pair has them; `names`: of the
-    robot's computer. 0 days: expired. "expired" is the operator's, too."""
+    """Return the paths that a pair of computers has: authority, then certificate and key of each.
+
+    `names` are names of the robot's computer. With 0 days its certificate has expired. "expired"
+    expires the operator's, too.
+    """
     folder.mkdir()
     root, _ = make_key()
 

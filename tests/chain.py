@@ -1,4 +1,5 @@
-"""The whole chain in virtual time: simulated hand, its driver, the engine, EGM's driver, the robot.
+"""The whole chain in virtual time: simulated device, its driver, the control core, the EGM driver,
+the robot.
 
 Only sockets, threads and clocks are missing. Everything that crosses the chain crosses it as the
 bytes that would be on the wire, through the same faults as in the served peers.
@@ -35,7 +36,7 @@ PUSH = """
 0.8 press left
 1.0 axes -0.5 0 0 0 0 0 over 0.1
 """
-"""Touch, release, grip, and pull back for ever: 50 mm/s, away from the singularity in front."""
+"""Touch, release, grip, and pull back without end: 50 mm/s, away from the singularity in front."""
 
 PUSH_AND_REGRIP = (
     PUSH
@@ -64,7 +65,7 @@ class Sample:
 
 
 class Chain:
-    """Build it with faults and scripts, `run` it, then look at `samples`."""
+    """Chain with faults and scripts: `run` it, then read `samples`."""
 
     def __init__(
         self,
@@ -165,13 +166,13 @@ class Chain:
         self.egm.answered(now_s)
         return 1
 
-    # -- looking back ---------------------------------------------------------------------------
+    # -- results --------------------------------------------------------------------------------
 
     def between(self, start_s: float, end_s: float) -> list[Sample]:
         return [s for s in self.samples if start_s <= s.time_s < end_s]
 
     def traveled_m(self, start_s: float, end_s: float) -> float:
-        """Distance between where the TCP was at both times."""
+        """Return the distance of the TCP between two times."""
         there = self.between(start_s, end_s)
         return norm(subtract(there[-1].position, there[0].position))
 
@@ -179,14 +180,15 @@ class Chain:
         return max(s.speed for s in self.between(start_s, end_s))
 
     def hardest_m_s2(self, start_s: float = 0.0, end_s: float = math.inf) -> float:
-        """Largest change of the TCP's speed over 10 periods (finer than that is encoder noise)."""
+        """Return the largest change of the TCP's speed over 10 periods (less would be encoder
+        noise)."""
         there = self.between(start_s, end_s)
         window_s = 10 * self.controller.options.period_s
         pairs = zip(there, there[10:], strict=False)
         return max((abs(b.speed - a.speed) / window_s for a, b in pairs), default=0.0)
 
     def rests_from(self, tolerance_m: float = 2e-4) -> float:
-        """The time since when the TCP has stayed where it is now."""
+        """Return the time when the TCP reached its last position."""
         last = self.samples[-1].position
         for sample in reversed(self.samples):
             if norm(subtract(sample.position, last)) > tolerance_m:
@@ -194,5 +196,5 @@ class Chain:
         return 0.0
 
     def messages(self) -> str:
-        """Everything that was said, once each."""
+        """Return all messages, each once."""
         return "\n".join(dict.fromkeys(s.message for s in self.samples if s.message))

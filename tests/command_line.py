@@ -1,4 +1,4 @@
-"""The command line in this process, made once: its commands hold no state."""
+"""The command line in this process, built once, since its commands hold no state."""
 
 import functools
 from typing import Any

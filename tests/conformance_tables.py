@@ -1,8 +1,7 @@
-"""Writes the tables of tests/results that take runs: fault x requirement.
+"""Generator of the tables in tests/results that take runs: fault x requirement.
 
-Those of suites and of requirements are the site's (site_tables).
-
-tests/conformance holds them current. To write them anew: ``python -m tests.conformance_tables``.
+The site's own generator (site_tables) makes those of suites and of requirements. tests/conformance
+compares them. To update them: ``python -m tests.conformance_tables``.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from tests.docs_tables import markdown
 from tests.result_tables import of_suite
 
 PAGE = "docs/conformance.md"
-"""It has the table of all suites, and sections for those that are not of plug-ins."""
+"""Page with the table of all suites, and a section for each suite outside of plug-ins."""
 
 DO_NOT_APPLY = {"HID3D-016"}
 """Requirements that the simulated peer need not meet; docs/conformance.md says why."""
@@ -26,7 +25,7 @@ DO_NOT_APPLY = {"HID3D-016"}
 
 @functools.cache
 def sound(suite: str) -> SuiteReport:
-    """The report on a simulated peer without faults, on all levels."""
+    """Return the report on a simulated peer without faults, on all levels."""
     return simulated(registry.load(suite), Level.BY_HAND)[0]
 
 
@@ -37,14 +36,14 @@ class Tried(NamedTuple):
     value: float
     what: str
     caught: tuple[str, ...]
-    """Requirements that are not met with it, on the lowest level from 1 on with any."""
+    """Requirements that fail with it, on the lowest level from 1 on where any fails."""
     why_not: str
-    """Why none can catch it, where that is said."""
+    """Reason why no requirement can catch it; empty if none is declared."""
 
 
 @functools.cache
 def tried(suite_name: str) -> tuple[Tried, ...]:
-    """Each fault switch of a suite's simulated peer."""
+    """Run a suite with each fault switch of its simulated peer."""
     suite = registry.load(suite_name)
     switches = {each.name: each for each in suite.switches()}
     found = []
@@ -53,7 +52,7 @@ def tried(suite_name: str) -> tuple[Tried, ...]:
         if switch.after:
             first = switches[switch.after]
             faults[first.name] = suite.fault_test_values.get(first.name, first.default)
-        # Most are caught while it is held, and that takes less time.
+        # Most faults are caught at HOLD, which takes less time.
         levels = (Level.HOLD, Level.MOVE)
         for level in [suite.tried_on[switch.name]] if switch.name in suite.tried_on else levels:
             caught = simulated(suite, level, faults)[0].failed
@@ -65,8 +64,6 @@ def tried(suite_name: str) -> tuple[Tried, ...]:
 
 
 def requirements_of(suite: str) -> Callable[[], str]:
-    """Each requirement of a suite."""
-
     def table() -> str:
         rows = [
             (each.id, str(int(each.level)), each.text, each.source)
@@ -78,7 +75,7 @@ def requirements_of(suite: str) -> Callable[[], str]:
 
 
 def faults_table(suite: str) -> str:
-    """Each fault of a suite's simulated peer, and the requirements that catch it."""
+    """Return a table of a suite's faults, and the requirements that catch each."""
     rows = [
         (f"`{each.name}`", f"{each.value:g}", each.what, ", ".join(each.caught) or each.why_not)
         for each in tried(suite)
@@ -87,7 +84,7 @@ def faults_table(suite: str) -> str:
 
 
 def section_of(suite: str) -> str:
-    """Where a suite's section is, as seen from PAGE."""
+    """Return the link from PAGE to the section of a suite."""
     page = of_suite(suite).page
     if page == PAGE:
         return f"#{suite}"
@@ -95,7 +92,6 @@ def section_of(suite: str) -> str:
 
 
 def suites() -> str:
-    """Every suite."""
     rows = []
     for name in registry.names():
         suite = registry.load(name)

@@ -15,7 +15,7 @@ def fake_drivers(monkeypatch):
 
 @pytest.fixture(scope="session")
 def released(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that ``make dist`` fills, once for all workers of a run."""
+    """Return the folder that ``make dist`` fills, once for all workers of a run."""
     base = tmp_path_factory.getbasetemp()
     return made_once(base.parent if base.name.startswith("popen-") else base)
 

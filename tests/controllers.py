@@ -1,4 +1,4 @@
-"""Controllers as sessions make them, for tests in virtual time."""
+"""Controllers for tests in virtual time, configured like those of sessions."""
 
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
@@ -21,7 +21,7 @@ def controller_for_device(
     authority=None,
     gripper=None,
 ):
-    """The controller of a robot that one operator device moves; `arm`: its body, by a model."""
+    """Return the controller of a robot that one operator device moves, with `arm` as its model."""
     limits, watchdogs = limits or ReferenceLimits(), watchdogs or Watchdogs()
     operator = OperatorInput(
         TwistMapping(mapping or MappingOptions(), gripper),

@@ -1,4 +1,4 @@
-"""Participants on a DDS domain of this test run alone, on loopback."""
+"""Participants on a DDS domain that only this test run uses, on loopback."""
 
 import random
 
@@ -13,7 +13,8 @@ TIMEOUT_S = WITHIN_S
 OPTIONS, SESSION_OPTIONS = (
     DdsOptions(dds_domain=each) for each in random.SystemRandom().sample(range(50, 100), 2)
 )
-"""Two domains. On the second there is nobody but a session's server and who its tests let in."""
+"""Two domains. The second one has only a session's server, and participants that its tests
+admit."""
 
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 

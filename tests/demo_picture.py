@@ -1,8 +1,8 @@
-"""Makes docs/images/demo.webp, the moving picture of `make demo` (make demo-picture).
+"""Generator of docs/images/demo.webp, the animated picture of `make demo` (make demo-picture).
 
-The demo's own simulated SpaceMouse, session and simulated GoFa run, with its motion script;
-the session is recorded, and what it showed of itself ten times a second is drawn: the deflections
-of the hand, the arm by its joints, the path of its TCP, and what the session said.
+It runs the demo's own simulated SpaceMouse, session and simulated GoFa with their motion script,
+and records the session. It draws ten snapshots per second: deflections of the device, the arm by
+its joints, the path of its TCP, and the messages of the session.
 """
 
 from __future__ import annotations
@@ -32,33 +32,33 @@ TARGET = Path(__file__).parents[1] / "docs" / "images" / "demo.webp"
 LARGEST_BYTES = 300_000
 SECONDS = 21.0
 FRAME_S = 0.1
-"""Between the session's own snapshots."""
+"""Time between snapshots of the session."""
 
 WIDTH, HEIGHT = 680, 360
 FINER = 2
-"""Drawn so much larger, then made smaller: lines without steps."""
+"""Supersampling factor, for lines without steps."""
 
 SHADES = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""Of each color on paper, for the edges: areas of few colors make a small file without losses."""
+"""Shades of each color on paper, for the edges: areas of few colors make a small lossless file."""
 
 SHORTEST_MM = 300.0
-"""The path of the TCP is longer in every demo whose hand was seen at rest first."""
+"""Least length of the TCP's path if the demo armed, which needs a device at rest first."""
 INK, FAINT, PAPER = "#1f2937", "#cbd5e1", "#ffffff"
 ARM, JOINT, PATH, HAND = "#475569", "#f8fafc", "#0d9488", "#d97706"
 PHASES = {"moving": "#0d9488", "holding": "#2563eb"}
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 SCALE = 250.0
-"""Pixels a meter."""
+"""Pixels per meter."""
 ORIGIN = (390.0, 298.0)
-"""Where the base of the arm stands."""
+"""Position of the arm's base in the picture, pixels."""
 TURN = math.radians(-28.0)
 TILT = math.radians(18.0)
-"""From where the arm is looked at: from its right, and from above."""
+"""Elevation of the viewpoint, which is to the right of the arm."""
 
 
 def recorded(folder: Path) -> list[dict[str, Any]]:
-    """The snapshots of a session that runs as the demo's does."""
+    """Run a session with the demo's configuration; return its snapshots."""
     demo = find_demos()["gofa"]
     port, endpoint = free_udp_port(), free_endpoint()
     text = demo.file.read_text(encoding="utf-8").replace(
@@ -73,7 +73,8 @@ def recorded(folder: Path) -> list[dict[str, Any]]:
         session = subprocess.Popen([sys.executable, "-m", "cardan", *words], stdout=printed)
         while "robot live" not in said.read_text(encoding="utf-8") and session.poll() is None:
             time.sleep(FRAME_S)
-        # The hand comes when the session looks: what it has held before then does not move the arm.
+        # The device appears when the session is ready: a deflection held before does not move the
+        # arm.
         with served("sim", "spacemouse", "--hid", f"{folder}/spacemouse.sock", "--script", "demo"):
             if session.wait():
                 sys.exit("the session failed")
@@ -86,7 +87,7 @@ def recorded(folder: Path) -> list[dict[str, Any]]:
 
 
 class Drawing:
-    """Draws one snapshot after the other."""
+    """Draws the snapshots in their order."""
 
     def __init__(self) -> None:
         kinematics = ArmKinematics(load_arm("gofa_crb15000_5"))
@@ -94,7 +95,7 @@ class Drawing:
         self._path: list[tuple[float, float]] = []
 
     def frame(self, snapshot: dict[str, Any]) -> Image.Image:
-        """The picture of a snapshot, and of all of the path until then."""
+        """Draw a snapshot, and the path up to it."""
         picture = Image.new("RGB", (FINER * WIDTH, FINER * HEIGHT), PAPER)
         self._draw = ImageDraw.Draw(picture)
         self._write(16, 12, "cardan demo", 17, INK)
@@ -116,7 +117,7 @@ class Drawing:
         return picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
 
     def _device(self, snapshot: dict[str, Any]) -> None:
-        """The six deflections as bars, and the button that is held."""
+        """Draw the six deflections as bars, and the held button."""
         self._write(16, 52, "device", 14, INK)
         for at, (name, value) in enumerate(zip(AXES, snapshot["device"]["axes"], strict=True)):
             y = 84 + 30 * at
@@ -130,7 +131,7 @@ class Drawing:
         self._write(42, 267, "dead-man held" if held else "dead-man not held", 13, ARM)
 
     def _arm(self, snapshot: dict[str, Any]) -> None:
-        """Base, joints and TCP, as seen from the side, and where the TCP has been."""
+        """Draw base, joints and TCP from the side, and the path of the TCP."""
         pin.forwardKinematics(self._model, self._data, np.array(snapshot["robot"]["joints_rad"]))
         joints = [np.zeros(3), *(np.array(each.translation) for each in self._data.oMi[1:])]
         tcp = np.array(snapshot["robot"]["pose"][:3])
@@ -151,7 +152,7 @@ class Drawing:
         self._dot(points[-1], 5, PATH)
 
     def _seen(self, point: Sequence[float]) -> tuple[float, float]:
-        """Where a point of the robot's base is in the picture."""
+        """Project a point in the robot's base frame into the picture."""
         x, y, z = point
         across = x * math.cos(TURN) - y * math.sin(TURN)
         away = x * math.sin(TURN) + y * math.cos(TURN)
@@ -174,7 +175,7 @@ class Drawing:
 
 
 def alike(frames: Sequence[Image.Image]) -> list[Image.Image]:
-    """The pictures in the same few colors."""
+    """Reduce the pictures to the same few colors."""
     palette, plain = Image.new("P", (1, 1)), Image.Dither.NONE
     paper = ImageColor.getrgb(PAPER)
     palette.putpalette(
@@ -189,7 +190,7 @@ def alike(frames: Sequence[Image.Image]) -> list[Image.Image]:
 
 
 def main() -> None:
-    """Run it, draw it, keep it."""
+    """Record, draw and store the picture."""
     with tempfile.TemporaryDirectory() as folder:
         snapshots = recorded(Path(folder))
     drawing = Drawing()

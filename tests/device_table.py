@@ -1,8 +1,8 @@
-"""Makes the table of judges of docs/devices.md from the tests.
+"""Generator of the table of judges in docs/devices.md, from the marks of the tests.
 
-Every ``@pytest.mark.judged(device=..., transport=..., by=...)`` is one thing that was shown; the
-page says no more and no less. The site has it (site_tables). The page's times to neutral
-are committed, being what test_device_faults measures. To write these anew: ``make device-table``.
+Each ``@pytest.mark.judged(device=..., transport=..., by=...)`` is one row entry, and the page has
+no others. The table is part of the site only (site_tables). The page's times to neutral are
+committed; test_device_faults measures them. To update these: ``make device-table``.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ PLUGINS = TESTS.parent / "plugins"
 
 
 def judged() -> set[tuple[str, str, str]]:
-    """(device, transport, by) of every mark, whether its test can run here or not."""
+    """Return (device, transport, by) of each mark, including tests that cannot run here."""
     found = set()
     for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/**/*.py")):
         text = path.read_text(encoding="utf-8")
-        if ".judged" not in text:  # Most: reading them all takes seconds.
+        if ".judged" not in text:  # Quick test: parsing all files takes seconds.
             continue
         for node in ast.walk(ast.parse(text)):
             if (
@@ -36,7 +36,7 @@ def judged() -> set[tuple[str, str, str]]:
 
 
 def table() -> str:
-    """The table in Markdown: a row for each device and transport."""
+    """Return the table in Markdown: a row for each device and transport."""
     judges: dict[tuple[str, str], list[str]] = {}
     for device, transport, by in sorted(judged()):
         judges.setdefault((device, transport), []).append(by)
@@ -48,7 +48,7 @@ def table() -> str:
 
 def main() -> None:
     """Write the times to neutral into their page."""
-    # Here, as it imports pytest, which is not installed where only the site is built.
+    # Imported here: it needs pytest, which a build of the site alone lacks.
     from tests import docs_tables, test_device_faults
 
     page = PAGE.read_text(encoding="utf-8")

@@ -1,8 +1,8 @@
-"""The commands that stand on the pages, and which test runs each.
+"""Commands on the pages, and the tests that run them.
 
-A command is a line of a block without a language, or of the shell's. Those that are done at once,
-and simulated peers, are run by test_docs_commands itself; RUN names the tests of the others, and
-BY_HAND those that no test can run as they stand, with what shows them instead.
+A command is a line of a code block without a language or in a shell's. test_docs_commands itself
+runs those that end at once, and simulated peers. RUN names the tests of the others. BY_HAND has
+those that no test can run unchanged, each with its substitute.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PROGRAMS = re.compile(
     r"|make$|cardan (?:daemon (?:ps|top)|devices|doctor|devices udev)$"
 )
 PRINTED = re.compile(r"cardan(?: \w+)?: |cardan +\d")
-"""Output of Cardan about itself, which is no command."""
+"""Version and error lines in Cardan's own output, which are not commands."""
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -36,7 +36,7 @@ class Command(NamedTuple):
 
 
 def commands() -> list[Command]:
-    """Of all pages, each once."""
+    """Return the commands of all pages, each once."""
     found: dict[str, str] = {}
     for page in PAGES:
         for language, block in BLOCK.findall(page.read_text(encoding="utf-8")):
@@ -53,12 +53,12 @@ def commands() -> list[Command]:
 AT_ONCE = re.compile(
     r"cardan (?:devices(?: drivers\b.*| udev)?|check \S+|sim \S+ --(?:library|list-\w+))$"
 )
-"""Run as they stand, by the name of a file that is there."""
+"""Commands run unchanged, with the names of files that exist."""
 
 PEER = re.compile(
     r"cardan sim (?!omni\b)(?!.*--(?:uhid|uinput|usbip|keyboard|list-|serve-socketcand))"
 )
-"""Run until they serve."""
+"""Commands run until they serve."""
 
 DAEMON = "tests/gateway/daemon"
 RECORDS = "tests/recording/test_commands.py"
@@ -125,7 +125,7 @@ RUN = {
     r"tools/kernel-vm": "tests/kernel",
     r"sudo tools/debian-packages": "tests/kernel",
 }
-"""By a pattern of the command: the test, or the folder of those, that run it."""
+"""Test or folder of tests that runs a command, by a pattern of the command."""
 
 BY_HAND = {
     r"make": "test_docs_commands has make plan it; CI runs demo, test, lint, types, docs and the kernel",
@@ -137,4 +137,4 @@ BY_HAND = {
     r"sudo (ip|udevadm|modprobe)|modprobe|sudo tools/bare-debian|adb|export": "changes the system, or another one",
     r"ros2 (launch|run|node list)": "needs ROS 2",
 }
-"""By a pattern of the command: why no test runs it as it stands, and what shows it instead."""
+"""Reason why no test runs a command unchanged, and its substitute, by a pattern of the command."""

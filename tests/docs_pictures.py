@@ -1,7 +1,6 @@
-"""Makes the pictures of the console's page in docs/images anew, as the acceptance test takes them
-(make docs-pictures).
+"""Generator of the console's pictures in docs/images (make docs-pictures).
 
-They are as a person sees the page, with fewer colors, so that each is small.
+They are the screenshots of the acceptance test, with fewer colors to keep files small.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ SECONDS = 40.0
 
 
 def main() -> None:
-    """Use the page, and store those of its pictures that pages show."""
+    """Run the acceptance test of the page, and store the screenshots that docs show."""
     browser = find_chromium()
     if browser is None:
         sys.exit("no Chromium is installed: tools/debian-packages judges")

@@ -1,8 +1,8 @@
-"""Tables that drivers, simulated peers and messages declare, and short ones of results.
+"""Tables from the declarations of drivers, simulated peers and messages, and short ones of results.
 
-The site has them in its pages (site_tables). README.md alone has its own between the lines that
-`begin` and END have, as it is read where no site is built; test_docs_tables holds it current, and
-``make docs-tables`` writes it anew.
+The site inserts them into its pages (site_tables). README.md alone contains them, between the lines
+`begin` and END, because it is read without a site. test_docs_tables compares it; ``make
+docs-tables`` updates it.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ END = "<!-- end -->\n"
 
 
 def begin(name: str) -> str:
-    """The line before the table of that name."""
+    """Return the line before the table of that name."""
     return f"<!-- made by tests/docs_tables.py: {name} -->\n"
 
 
 def replaced(page: str, marker: str, made: str) -> str:
-    """`page` with `made` between the line `marker` and END."""
+    """Return `page` with `made` between the line `marker` and END."""
     head, found, rest = page.partition(marker)
     _, ended, tail = rest.partition(END)
     if not (found and ended):
@@ -52,7 +52,7 @@ def replaced(page: str, marker: str, made: str) -> str:
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table; an empty cell is a dash."""
+    """Return a table in Markdown; an empty cell is a dash."""
     lines = [f"| {' | '.join(cell or '–' for cell in line)} |\n" for line in (columns, *rows)]
     return "".join([lines[0], f"|{'---|' * len(columns)}\n", *lines[1:]])
 
@@ -60,17 +60,17 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 PLUGINS = {
     path.parent.name: path.parents[1] for path in ROOT.glob("plugins/cardan-*/*/__init__.py")
 }
-"""The folder of each plug-in of this repository, by its package."""
+"""Folder of each plug-in in this repository, by its package."""
 
 
 def plugin_of(kind: type[Any]) -> str:
-    """In brackets the plug-in that has a class, with a space before; empty: Cardan itself."""
+    """Return " (PLUG-IN)" for the class of a plug-in; empty for one of Cardan itself."""
     folder = PLUGINS.get(kind.__module__.partition(".")[0])
     return f" (plug-in `{folder.name}`)" if folder else ""
 
 
 def ours(registry: Any) -> dict[str, Any]:
-    """The classes of a registry that are Cardan's, then those of its plug-ins, by name."""
+    """Return the classes of a registry by name: Cardan's own, then those of its plug-ins."""
     names = dict.fromkeys((*registry.BUILT_IN, *registry.names()))
     found = {name: registry.load(name) for name in names}
     return {
@@ -104,7 +104,7 @@ def _overview() -> str:
 
 
 def devices_table() -> str:
-    """Each operator device, what it gives and takes back, and the mapping that suits it."""
+    """Return a table of the operator devices: inputs, feedback, and recommended mapping."""
     rows = [
         (link(kind, kind.page), f"`{name}`", kind.gives, kind.takes_back, kind.suits)
         for name, kind in DEVICES.items()
@@ -113,7 +113,7 @@ def devices_table() -> str:
 
 
 def options_table() -> str:
-    """Each driver, and where its options are."""
+    """Return a table of the drivers, and the pages with their options."""
     rows = [
         (f"`[{table}]`", f"`{name}`", link(kind, kind.page, "#options"))
         for table, kinds in (("device", DEVICES), ("robot", ROBOTS))
@@ -123,7 +123,7 @@ def options_table() -> str:
 
 
 def peers_table() -> str:
-    """Each simulated peer, and its protocol."""
+    """Return a table of the simulated peers and their protocols."""
     rows = [
         (
             f"`cardan sim {name}`",
@@ -136,7 +136,7 @@ def peers_table() -> str:
 
 
 def faults_of(peer: str) -> Callable[[], str]:
-    """The faults of a peer."""
+    """Return a table of the faults of a peer."""
 
     def table() -> str:
         rows = [
@@ -149,16 +149,16 @@ def faults_of(peer: str) -> Callable[[], str]:
 
 
 COMMON = {"--seconds", "--verbose", "--log-level", "--script", "--fault", "--seed", "--list-faults"}
-"""Options of every peer, which its page tells once."""
+"""Options of all peers, which the page describes once."""
 
 
 def _cell(text: str) -> str:
-    """Text in a cell of a table."""
+    """Escape text for a cell of a table."""
     return text.replace("|", "\\|")
 
 
 def options_of(peer: str) -> Callable[[], str]:
-    """The options that a peer has beside those of every peer."""
+    """Return a table of the options that are specific to a peer."""
 
     def table() -> str:
         rows = []
@@ -187,7 +187,7 @@ def options_of(peer: str) -> Callable[[], str]:
 
 
 def driver_options_of(driver: str) -> Callable[[], str]:
-    """The options of a driver, which a configuration has as keys."""
+    """Return a table of the options of a driver, by their configuration keys."""
 
     def code(word: str) -> str:
         return f"`{word}`" if word.startswith(('"', "[")) else word
@@ -208,7 +208,7 @@ def driver_options_of(driver: str) -> Callable[[], str]:
 
 
 def scripts_of(peer: str) -> Callable[[], str]:
-    """The built-in scripts of a peer, and the verbs of a script for it."""
+    """Return a table of the built-in scripts of a peer, and one of its script verbs."""
 
     def table() -> str:
         kind = peers.load(peer)
@@ -226,7 +226,7 @@ def scripts_of(peer: str) -> Callable[[], str]:
 
 
 def demos_table() -> str:
-    """Each demo, and its file."""
+    """Return a table of the demos and their files."""
     rows = [
         (
             f"`cardan demo {name}`",
@@ -239,7 +239,7 @@ def demos_table() -> str:
 
 
 def connexion_models() -> str:
-    """Each device of 3Dconnexion, and its reports."""
+    """Return a table of the 3Dconnexion devices and their reports."""
     rows = [
         (
             model.name,
@@ -256,14 +256,14 @@ def connexion_models() -> str:
 
 
 def spnav_buttons() -> str:
-    """Which key has which number for programs of spacenavd."""
+    """Return a table of key numbers for clients of spacenavd."""
     devices: dict[str, list[str]] = {}
     for mouse in (
         *(SpaceMouse(model=model.key) for model in MODELS if model.buttons),
         *(
             SpaceMouseSerial(model=model.key)
             for model in SERIAL_MODELS
-            if model.key != "spaceorb"  # spacenavd does not know it.
+            if model.key != "spaceorb"  # spacenavd does not support it
         ),
     ):
         identity = identity_of(mouse)
@@ -279,7 +279,7 @@ def spnav_buttons() -> str:
 
 
 def states() -> str:
-    """The machines of an arm, with what is written under each member."""
+    """Return the state machines of an arm, with the description of each member."""
     rows = []
     for machine in get_type_hints(States).values():
         (reported,) = ast.parse(inspect.getsource(machine)).body
@@ -298,7 +298,7 @@ def states() -> str:
 
 
 def codes_of_messages() -> str:
-    """A section for each area, and in it one for each code."""
+    """Return the message codes: a section for each area, with an entry for each code."""
     made = []
     for letter, title in AREAS.items():
         made.append(f"## {title}\n\n")
@@ -315,13 +315,13 @@ def codes_of_messages() -> str:
 
 
 def _short(rows: Sequence[Sequence[str]], names: Iterable[str]) -> str:
-    """The rows of a table that have these names in their first cell."""
+    """Return the rows of a table whose first cell has one of these names."""
     by_name = {row[0]: row for row in rows[1:]}
     return markdown(rows[0], (by_name[name] for name in names))
 
 
 def short_faults() -> str:
-    """Table of an operated arm's reactions to failures of its own parts."""
+    """Return a table of an arm's reactions to failures of its own parts."""
     (_, *robots), *rows = FAULTS.rows("operator")
     return _short(
         [("fault", *robots), *rows],
@@ -339,7 +339,7 @@ def short_faults() -> str:
 
 
 def short_remote_faults() -> str:
-    """Table of the arm's reactions to failures of the connection to it."""
+    """Return a table of the arm's reactions to failures of the connection to it."""
     return _short(
         REMOTE_FAULTS.rows(),
         (
@@ -354,7 +354,8 @@ def short_remote_faults() -> str:
 
 
 def short_process_faults() -> str:
-    """Table of its reactions when a process dies or stands still, for one device and robot."""
+    """Return a table of its reactions to a process that dies or is stopped, for one device and
+    robot."""
     rows = []
     for group, name in (
         ("session", "SIGKILL"),
@@ -379,7 +380,7 @@ def short_process_faults() -> str:
 
 
 TABLES: dict[tuple[str, str], Callable[[], str]] = {("README.md", "overview"): _overview}
-"""By page and name."""
+"""Tables by page and name."""
 
 
 def main() -> None:

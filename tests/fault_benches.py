@@ -1,4 +1,4 @@
-"""Control cores in front of seven robots, at the level of the wire, in virtual time.
+"""Benches of seven robots, at the level of the wire, in virtual time.
 
 A bench is one robot: a simulated controller, the network and the driver's process. Time passes
 only while the process waits for the robot, or stands still. The robot's real motion, by its own
@@ -48,11 +48,11 @@ Array = np.ndarray
 _B = TypeVar("_B", bound="Bench")
 
 WINDOW_S = 0.02
-"""Speeds are means over this time, and accelerations are what those change by within it: five
-periods of most robots. Within fewer, whole pulses and rounding look like acceleration."""
+"""Averaging window of speeds and accelerations: five periods of most robots. A shorter window would
+take single pulses and rounding for acceleration."""
 
 MARGIN = 0.05
-"""Allowed overshoot of an arm's servos, as a share of the speed."""
+"""Allowed overshoot of an arm's servos, relative to the speed."""
 
 REST_M_S = 0.001
 """Slower than this the arm counts as stopped."""
@@ -76,31 +76,31 @@ CLOCKS: dict[str, Callable[[float], float]] = {
         0.04 * (math.sin(1e5 * since_s) * 1e4 % 1.0 - 0.5)
     ),
 }
-"""Error of the time that a controller tells, s, by the time since the fault began."""
+"""Error of the time that a controller reports, s, by the time since the fault began."""
 
 
 class Motion(NamedTuple):
     """Motion of the TCP from a given time on."""
 
     stop_s: float
-    """Until it moved by less than REST_M_S, for good; infinite when it went on moving."""
+    """Time of the last motion faster than REST_M_S; infinite if the arm did not stop."""
     distance_m: float
-    """Between where it was and where it came to rest, or was at the end."""
+    """Distance between the position at the fault and the rest or last position."""
     peak_m_s: float
     peak_m_s2: float
     back_m: float
-    """How far it went back along the direction it had."""
+    """Distance moved against the initial direction."""
 
 
 class Bench(ABC):
-    """A robot, its driver, and the process that runs it."""
+    """A robot, its driver, and the process that runs the driver."""
 
     name: str
     arm: str
     direction: Vector3
-    """In which the TCP has room for 0.4 m from where it stands."""
+    """Direction in which the TCP has room for 0.4 m from its start."""
     own_stop = ""
-    """How this robot stops by itself when nobody commands it; empty: within the limits asked."""
+    """This robot's stop without commands; empty: within the requested limits."""
 
     def __init__(self) -> None:
         self.model: ArmModel = load_arm(self.arm)
@@ -111,16 +111,16 @@ class Bench(ABC):
         self.alive = True
         """False: the process was killed."""
         self.bad: str = ""
-        """Error in the robot's reports: "nan", "jump", or a reason why commands would not act
-        although they do."""
+        """Error in the robot's reports: "nan", "jump", or a false reason why commands do not
+        act."""
         self.clock = ""
-        """Error of the controller's clock, of CLOCKS."""
+        """Error of the controller's clock, a key of CLOCKS."""
         self._lies_since_s = math.inf
         self.flooded = False
         self.states: list[RobotState] = []
         self.times: list[float] = []
         self.joints: list[tuple[float, ...]] = []
-        """Where the arm really was."""
+        """True joint positions of the arm."""
 
     @property
     @abstractmethod
@@ -128,7 +128,6 @@ class Bench(ABC):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """Those of the driver."""
         return self.driver.capabilities
 
     def __enter__(self: _B) -> _B:
@@ -139,12 +138,12 @@ class Bench(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """End the process, as one ends that is asked to."""
+        """End the process like a regular exit."""
 
     # -- time -----------------------------------------------------------------------------------
 
     def run(self, seconds: float) -> None:
-        """Let the process run, or what is left of the robot without it."""
+        """Run the process, or the robot alone if the process is dead."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             if self.alive:
@@ -153,16 +152,16 @@ class Bench(ABC):
                 self._world(end_s)
 
     def stall(self, seconds: float) -> None:
-        """The process stands still; robot, network and kernel do not."""
+        """Stop the process; robot, network and kernel continue."""
         self._world(self.now_s + seconds)
 
     @abstractmethod
     def _turn(self, end_s: float) -> None:
-        """The process takes one state and answers it, or waits until `end_s`."""
+        """Let the process answer one state, or wait until `end_s`."""
 
     @abstractmethod
     def _world(self, until_s: float) -> None:
-        """Time passes outside of the process."""
+        """Let time pass outside of the process."""
 
     def _tell(self, state: RobotState) -> RobotCommand:
         self.states.append(state)
@@ -183,12 +182,12 @@ class Bench(ABC):
     # -- faults ---------------------------------------------------------------------------------
 
     def kill(self) -> None:
-        """SIGKILL: nothing is sent any more, and the kernel closes all files."""
+        """Kill the process (SIGKILL): it sends no more data, and the kernel closes all files."""
         self.alive = False
 
     @abstractmethod
     def restart(self) -> None:
-        """The controller loses its power and has it again."""
+        """Switch the controller off and on."""
 
     @abstractmethod
     def unready(self) -> None:
@@ -196,30 +195,30 @@ class Bench(ABC):
 
     @abstractmethod
     def unpower(self) -> None:
-        """Its motors lose their power."""
+        """Cut the power of the motors."""
 
     def lie(self, clock: str) -> None:
-        """The time that the controller tells goes wrong from now on."""
+        """Let the controller report wrong times from now on."""
         self.clock, self._lies_since_s = clock, self.now_s
 
     def lied_s(self, time_s: float) -> float:
-        """Return the error of the time that the controller tells at `time_s`, s."""
+        """Return the error of the controller's reported time at `time_s`, s."""
         since_s = time_s - self._lies_since_s
         return CLOCKS[self.clock](since_s) if self.clock and since_s >= 0.0 else 0.0
 
     def hold(self) -> None:
-        """The driver has to say that commands do not act, although the controller obeys them."""
+        """Let the robot report that commands do not act, although the controller obeys them."""
         self.bad = "somebody holds the arm"
 
     @property
     @abstractmethod
     def period_s(self) -> float:
-        """Of the rows of `joints`."""
+        """Sampling period of `joints`."""
 
-    # -- looking back ---------------------------------------------------------------------------
+    # -- results ----------------------------------------------------------------------------------
 
     def path(self) -> tuple[Array, Array]:
-        """Times, and where the TCP was, m."""
+        """Return times, s, and positions of the TCP, m."""
         forward = self.kinematics.forward
         points = [forward(np.array(q)).translation.copy() for q in self.joints]
         return np.array(self.times), np.array(points)
@@ -231,7 +230,7 @@ class Bench(ABC):
 
 
 def motion_of(times: Array, points: Array, since_s: float, period_s: float) -> Motion:
-    """The figures of a path that was sampled every `period_s`."""
+    """Return the figures of a path that was sampled every `period_s`."""
     n = round(WINDOW_S / period_s)
     window_s = n * period_s
     velocity = (points[n:] - points[:-n]) / window_s
@@ -241,7 +240,7 @@ def motion_of(times: Array, points: Array, since_s: float, period_s: float) -> M
     here = points[first - 1]
     ended = times[n:] >= since_s
     moving = np.nonzero((speed > REST_M_S) & ended)[0]
-    # A window says "moving" for as long as it is.
+    # A window counts as moving until its end.
     last = int(moving[-1]) if len(moving) else 0
     stopped = last + 1 < len(speed)
     heading = points[first - 1] - points[max(first - 1 - n, 0)]
@@ -261,12 +260,12 @@ def motion_of(times: Array, points: Array, since_s: float, period_s: float) -> M
 
 
 class _Datagrams(Bench):
-    """A robot over UDP: its controller sends in every period, whether anybody listens or not."""
+    """Robot over UDP: its controller sends in every period, with or without a receiver."""
 
     def __init__(self) -> None:
         super().__init__()
         self.queue: deque[tuple[bytes, tuple[str, int]]] = deque()
-        """Datagrams that the kernel keeps for the driver."""
+        """Received datagrams in the kernel's buffer of the driver."""
         self._next_s = self.now_s
         with self._virtual():
             self.robot = self._opened()
@@ -330,7 +329,7 @@ class _Datagrams(Bench):
             self.queue.append((data, self.SOURCE))
 
     def wait(self, timeout_s: float) -> bool:
-        """Let time pass until something is there."""
+        """Let time pass until a datagram is there."""
         until_s = self.now_s + timeout_s
         while not self.queue and self._next_s <= until_s:
             self.now_s = max(self.now_s, self._next_s)
@@ -345,19 +344,19 @@ class _Datagrams(Bench):
 
     @abstractmethod
     def _timed(self, data: Any, by_s: float) -> Any:
-        """`data` with a time that differs by `by_s`."""
+        """Return `data` with its time changed by `by_s`."""
 
     @abstractmethod
     def _true_joints(self) -> Sequence[float]: ...
 
     def _jumped(self, joints: Sequence[float]) -> tuple[float, ...]:
-        """`joints` as if the TCP were JUMP_M beside, about the first axis."""
+        """Return `joints` with the TCP moved by JUMP_M about the first axis."""
         position = self.kinematics.forward(np.array(joints)).translation
         return (joints[0] + JUMP_M / math.hypot(position[0], position[1]), *joints[1:])
 
 
 class _Poll:
-    """select.poll() of a bench's socket."""
+    """Stand-in for select.poll() of a bench's socket."""
 
     def __init__(self, bench: _Datagrams) -> None:
         self._bench = bench
@@ -373,7 +372,7 @@ class _Poll:
 
 
 class _Socket:
-    """A UDP socket with the driver's end of a bench."""
+    """UDP socket with the driver's end of a bench."""
 
     WAKE_S = 0.1
 
@@ -385,7 +384,7 @@ class _Socket:
         pass
 
     def fileno(self) -> int:
-        """Of something that blocks, as the socket does."""
+        """Return the number of a blocking file, like the real socket's."""
         return self._blocks.fileno()
 
     def getsockname(self) -> tuple[str, int]:
@@ -406,7 +405,7 @@ class _Socket:
 
 
 class _Select:
-    """The module `select`, as far as the driver uses it."""
+    """Stand-in for the module `select`, with the functions that the driver uses."""
 
     POLLIN = select.POLLIN
 
@@ -418,7 +417,7 @@ class _Select:
 
 
 class EgmBench(_Datagrams):
-    """A GoFa in Externally Guided Motion."""
+    """GoFa with Externally Guided Motion."""
 
     arm = "gofa_crb15000_5"
     direction = Vector3(-1.0, 0.0, 0.0)
@@ -499,14 +498,14 @@ class EgmBench(_Datagrams):
 
 
 class EgmJointBench(EgmBench):
-    """The same, its joints commanded."""
+    """The same robot with joint commands."""
 
     mode = "joint"
     name = "EGM joint"
 
 
 class _Link:
-    """The driver's transport to a simulated arm, where there is no network."""
+    """Driver's transport to a simulated arm, without a network."""
 
     def __init__(self, bench: JointStreamBench) -> None:
         self._bench = bench
@@ -532,7 +531,7 @@ class _Link:
 
 
 class JointStreamBench(_Datagrams):
-    """A UR5 on a joint stream."""
+    """UR5 with a joint stream."""
 
     name = "joint stream"
     arm = "ur5"
@@ -592,7 +591,7 @@ class JointStreamBench(_Datagrams):
 
 
 class Ros2Bench(_Datagrams):
-    """A UR5 of a ROS 2 system, by its forward_position_controller."""
+    """UR5 of a ROS 2 system with its forward_position_controller."""
 
     name = "ROS 2"
     arm = "ur5"
@@ -669,7 +668,7 @@ class Ros2Bench(_Datagrams):
 
 
 class _RosLink:
-    """The driver's transport to the bench."""
+    """Driver's transport to the bench."""
 
     def __init__(self, bench: Ros2Bench) -> None:
         self._bench = bench
@@ -706,7 +705,7 @@ class _RosLink:
 
 
 class _WatchedMotoros(MotorosSessionBench):
-    """The bench of the MotoROS tests, which notes where the arm is."""
+    """Bench of the MotoROS tests that records the arm's positions."""
 
     def __init__(self, bench: MotorosBench, *args: object, **kwargs: object) -> None:
         self._bench = bench
@@ -718,7 +717,7 @@ class _WatchedMotoros(MotorosSessionBench):
 
 
 class MotorosBench(Bench):
-    """A GP8 over MotoROS in velocity mode."""
+    """GP8 over MotoROS in velocity mode."""
 
     name = "MotoROS velocity"
     arm = "gp8"
@@ -751,7 +750,7 @@ class MotorosBench(Bench):
         return self.IPC_S
 
     def watch(self) -> None:
-        """Note where the arm is, once in each interpolation period."""
+        """Record the arm's position once in each interpolation period."""
         self.now_s = now_s = self.session_bench.now_s
         row = int((now_s - _START_S) / self.IPC_S + 1e-6)
         if row > self._row:
@@ -798,7 +797,7 @@ class MotorosBench(Bench):
             session_bench.servers.eof(number, session_bench.now_s)
 
     def restart(self) -> None:
-        """Its connections break; it is there again at once, the drives without power."""
+        """Break its connections; the controller is back at once, with the drives off."""
         session_bench = self.session_bench
         for channel in tuple(session_bench.numbers):
             session_bench.unplug(channel)
@@ -815,7 +814,7 @@ class MotorosBench(Bench):
 
 
 class MotorosStreamBench(MotorosBench):
-    """A GP8 on a controller without the velocity mode."""
+    """GP8 whose controller has no velocity mode."""
 
     name = "MotoROS stream"
     mode = "stream"
@@ -826,7 +825,7 @@ class MotorosStreamBench(MotorosBench):
 
 
 class _WatchedUr(UrSessionBench):
-    """The bench of the UR tests, which notes where the arm is."""
+    """Bench of the UR tests that records the arm's positions."""
 
     def __init__(self, bench: UrBench, *args: object, **kwargs: object) -> None:
         self._bench = bench
@@ -839,7 +838,7 @@ class _WatchedUr(UrSessionBench):
 
 
 class UrBench(Bench):
-    """A UR5e over RTDE, 250 times a second."""
+    """UR5e over RTDE at 250 Hz."""
 
     name = "UR"
     arm = "ur5e"
@@ -870,7 +869,7 @@ class UrBench(Bench):
         return self.session_bench.controller.period_s
 
     def watch(self) -> None:
-        """Note where the arm was in each frame of its controller."""
+        """Record the arm's position in each frame of its controller."""
         trace = self.session_bench.trace
         for time_s, _, joints in trace[self._rows :]:
             self._note(time_s, joints)
@@ -907,7 +906,7 @@ class UrBench(Bench):
         session_bench.numbers.clear()
 
     def restart(self) -> None:
-        """Its connections break, its program and registers are gone, and it is without power."""
+        """Break its connections; its program and registers are lost, and its power is off."""
         for channel in tuple(self.session_bench.numbers):
             self.session_bench.unplug(channel)
         self.session_bench.controller.restart()

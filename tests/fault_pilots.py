@@ -1,6 +1,6 @@
-"""Drivers of the benches of faults: the controller, with each of what asks it to move.
+"""Request sources for the benches of faults: a controller with each source of motion.
 
-`make` is the one place that knows them all.
+Only `make` knows all of them.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ ACCELERATION_M_S2 = 1.0
 RENEWED_S = 0.02
 REPORTED_S = 0.016
 WAY_M = 0.3
-"""Of a path."""
+"""Length of a path."""
 
 REST = (0.0,) * 6
 
 
 class Scenario(ABC):
-    """A control core, and a source that asks it for motion."""
+    """Control core with a source that requests motion."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         self.silent = False
-        """The device, or the sender of the stream, says nothing more."""
+        """True once the device or the sender of the stream is silent."""
         self.started_s = math.inf
         self.heartbeat: SupervisorHeartbeat | None = None
-        """Of a supervisor that has been stopped; None while one runs."""
+        """Heartbeat of a stopped supervisor; None while it runs."""
 
     controller: ArmController
 
     def stop_supervisor(self) -> None:
-        """The process that shows the session is stopped (SIGSTOP)."""
+        """Stop the supervising process (SIGSTOP)."""
         self.heartbeat = SupervisorHeartbeat(Watchdogs().heartbeat_s, self.bench.now_s)
 
     def _supervise(self, now_s: float) -> None:
@@ -63,16 +63,16 @@ class Scenario(ABC):
         """Give the authority over the arm to another source."""
 
     def start(self) -> None:
-        """Ask for SPEED_M_S along the bench's direction from now on."""
+        """Request SPEED_M_S along the bench's direction from now on."""
         self.started_s = self.bench.now_s
 
     @abstractmethod
     def tick(self, state: RobotState) -> RobotCommand:
-        """The core's answer to `state`."""
+        """Return the core's answer to `state`."""
 
 
 class Operator(Scenario):
-    """A hand on a deflected device, its dead-man held."""
+    """Operator with a deflected device and its dead-man pressed."""
 
     def __init__(self, bench: Bench, watchdogs: Watchdogs | None = None) -> None:
         super().__init__(bench)
@@ -98,14 +98,14 @@ class Operator(Scenario):
         self.controller.stop("authority was handed over")
 
     def _device(self, now_s: float) -> DeviceState:
-        """The newest report; it goes on coming, independent of this process."""
+        """Return the newest report; reports continue independently of this process."""
         before = self._report
         if before is None or not self.silent:
             stamp_s = math.floor(now_s / REPORTED_S) * REPORTED_S
             held = now_s >= self.started_s + RENEWED_S
             axes = (*self.bench.direction, 0.0, 0.0, 0.0) if now_s > self.started_s else REST
             buttons = frozenset({"left"}) if held else frozenset()
-            # At rest first: that, and the button, re-arms.
+            # Rest first: rest and then the button re-arm.
             axes = axes if now_s >= self.started_s + 2.0 * RENEWED_S else REST
             self._report = DeviceState(stamp_s, DeviceLink.LIVE, axes, buttons)
         assert self._report is not None
@@ -138,7 +138,7 @@ class _Verbs(Scenario):
 
 
 class TwistStream(_Verbs):
-    """A program that streams a twist, renewed every 20 ms by a process of its own."""
+    """Program that streams a twist, sent every 20 ms by its own process."""
 
     def __init__(self, bench: Bench) -> None:
         super().__init__(bench)
@@ -158,7 +158,7 @@ class TwistStream(_Verbs):
 
 
 class Path(_Verbs):
-    """movl along a line."""
+    """Program that requests movl along a line."""
 
     def __init__(self, bench: Bench) -> None:
         super().__init__(bench)
@@ -177,5 +177,5 @@ PILOTS: dict[str, type[Scenario]] = {"operator": Operator, "twist": TwistStream,
 
 
 def make(source: str, bench: Bench) -> Scenario:
-    """The controller that `source` drives."""
+    """Return the controller that `source` drives."""
     return PILOTS[source](bench)

@@ -1,6 +1,6 @@
-"""Makes the tables of tests/results/faults.md: what each robot did when something went wrong.
+"""Generator of the tables in tests/results/faults.md: each robot's reaction to each fault.
 
-To write them anew: ``make fault-table``, or ``python -m tests.fault_table``.
+To update them: ``make fault-table``, or ``python -m tests.fault_table``.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ RUN_UP_S = 0.6
 """At 1 m/s² the arm has its speed after 0.1 s."""
 WATCHED_S = 1.5
 CLOCK_WATCHED_S = 2.0
-"""A clock that is too slow is sure after 1 to 1.5 s."""
+"""A slow clock is certain after 1 to 1.5 s."""
 
 HIGHEST_M_S = SPEED_M_S * (1.0 + MARGIN)
 HARDEST_M_S2 = 1.3
-"""1 m/s² asked, and what the servos add: a reference that begins to brake within one period is
-followed with an overshoot of up to 0.1 m/s² by the joint stream's drives, of 0.06 by EGM's; where
-two ramps meet in one window they add up to 0.2 more."""
+"""Requested 1 m/s² plus overshoot of the servos. For a reference that begins to brake within one
+period, the drives add up to 0.1 m/s² on the joint stream, and up to 0.06 with EGM; two ramps in one
+window add up to 0.2 more."""
 
 
 class Fault(NamedTuple):
@@ -56,8 +56,8 @@ class Fault(NamedTuple):
     sources: tuple[str, ...] = ("operator", "twist", "path")
     robots: tuple[type[Bench], ...] = BENCHES
     own: tuple[type[Bench], ...] = ()
-    """Robots that their controller, or the driver at its own limits, stops then: how hard does not
-    depend on what was asked."""
+    """Robots that then stop by their controller or at their driver's own limits, so that the
+    deceleration is independent of the request."""
     watched_s: float = WATCHED_S
 
 
@@ -88,7 +88,7 @@ _UDP = (EgmBench, EgmJointBench, JointStreamBench, Ros2Bench)
 _MOTOROS = (MotorosStreamBench, MotorosBench)
 
 _STOPPED_BY_CLOCK = (EgmBench, EgmJointBench, UrBench, JointStreamBench, Ros2Bench)
-"""Robots whose driver brakes at its own limits, or ends motion, when clocks do not agree."""
+"""Robots whose driver brakes at its own limits, or ends motion, if clocks disagree."""
 
 FAULTS: dict[str, Fault] = {
     "device or sender silent": Fault(_silence, ("operator", "twist")),
@@ -125,7 +125,7 @@ FAULTS: dict[str, Fault] = {
 
 
 class Row(NamedTuple):
-    """A cell of the tables."""
+    """Cell of the tables."""
 
     source: str
     fault: str
@@ -135,7 +135,7 @@ class Row(NamedTuple):
 
     @property
     def too_much(self) -> str:
-        """Values that exceed the request, in words; empty when none does."""
+        """Return, as text, the values above the request; empty if there is none."""
         found = []
         if self.motion.peak_m_s > HIGHEST_M_S:
             found.append(f"{1e3 * self.motion.peak_m_s:.0f} mm/s")
@@ -170,12 +170,12 @@ def measured(
 
 
 def in_a_copy(work: Callable[[], _T]) -> _T:
-    """Return the result of `work` in a copy of this process: it changes nothing here."""
+    """Return the result of `work` in a forked process, which leaves this one unchanged."""
     reading, writing = os.pipe()
     with warnings.catch_warnings():
-        # Of other threads: the copy has none, and waits for none.
+        # The warning concerns other threads: the forked process has none, and waits for none.
         warnings.simplefilter("ignore", DeprecationWarning)
-        # The copy goes on with what is open here.
+        # The forked process continues to use open resources.
         opened, forks._opened = forks._opened, WeakSet()
         copy = os.fork()
         forks._opened = opened
@@ -200,7 +200,7 @@ def in_a_copy(work: Callable[[], _T]) -> _T:
 
 
 def rows(made: Make = make) -> Iterator[Row]:
-    """Every source, fault and robot that go together."""
+    """Yield the results of all valid combinations of source, fault and robot."""
     for source in PILOTS:
         for kind in BENCHES:
             faults = {
@@ -214,7 +214,7 @@ def rows(made: Make = make) -> Iterator[Row]:
 
 
 def table(found: list[Row]) -> str:
-    """The tables in Markdown: one for each source, a row for each fault."""
+    """Return the tables in Markdown: one for each source, with a row for each fault."""
     lines = []
     cells = {(row.source, row.fault, row.robot): row for row in found}
     for source in dict.fromkeys(row.source for row in found):
@@ -230,7 +230,7 @@ def table(found: list[Row]) -> str:
 
 
 def cell(row: Row | None) -> str:
-    """The figures of one, as they stand in the table."""
+    """Return a result as the text of its cell."""
     if row is None:
         return "–"
     motion = row.motion

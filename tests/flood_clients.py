@@ -1,4 +1,4 @@
-"""Clients that send more than a server can handle, one for each way into a session."""
+"""Clients that send more than a server can handle, one for each access to a session."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ SPEED_M_S = 0.05
 JOINTS, JOINT_RAD_S = 6, 0.1
 
 SEND_S = 0.02
-"""Longest time that a client is held up by what is full before it looks at its clock: its last byte
-has to be handed over when its time is up."""
+"""Longest wait of a client for a full buffer before it checks its clock: its last byte has to be
+sent when its time is up."""
 
 RESTS_S = 0.5
-"""A hand counts once it was seen at rest."""
+"""A device counts once it was at rest."""
 
 MOST_AT_ONCE = 1000
 _page_program: Any = PageProgram
@@ -66,39 +66,42 @@ def _cdr(way: int) -> bytes:
 
 
 class Client(ABC):
-    """A client that is ready to flood; `way`, 1 or -1, is where the arm goes."""
+    """Client that can flood a server; `way`, 1 or -1, is the direction of the arm."""
 
     constant: bytes = b""
-    """The message, where all are the same."""
+    """The message, if all messages are equal."""
     has_left = False
-    """Whether a part of a begun message is still to be handed over."""
+    """True while a part of the current message is still unsent."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         self.endpoint, self.way = endpoint, way
         self.made = 0
 
     def message(self) -> bytes:
-        """The next message, as it is on the wire."""
+        """Return the next message, encoded."""
         return self.constant
 
     @abstractmethod
     def hand(self, count: int) -> int:
-        """Hand up to so many messages to the system, or what was left of those before, for SEND_S
-        at most; how many were begun. Raises OSError once the server has ended the connection."""
+        """Hand at most `count` messages to the system, or the rest of previous ones, within SEND_S;
+        return how many were begun.
+
+        Raises OSError once the server has closed the connection.
+        """
 
     def rest(self) -> None:  # noqa: B027 - only hands rest
-        """Be at rest for a moment, before it moves the arm."""
+        """Rest for a moment, before the arm moves."""
 
     @abstractmethod
     def close(self) -> None:
-        """Leave as programs do."""
+        """Leave like a program that exits regularly."""
 
     def abort(self) -> None:  # noqa: B027 - without a connection there is nothing to reset
-        """Leave without a farewell; the process ends next."""
+        """Prepare an abrupt exit: the process ends next."""
 
 
 class _Stream(Client):
-    """Over a stream of bytes."""
+    """Client over a byte stream."""
 
     socket: socket.socket
     _waiting = b""
@@ -121,7 +124,7 @@ class _Stream(Client):
         return bool(self._waiting)
 
     def close(self) -> None:
-        # Others' threads read of it: a close alone would not end it.
+        # Other threads read from it: close() alone would not wake them.
         self.socket.shutdown(socket.SHUT_RDWR)
 
     def abort(self) -> None:
@@ -138,7 +141,7 @@ def _binary(data: bytes) -> bytes:
 
 
 class _Web(_Stream):
-    """Over a WebSocket."""
+    """Client over a WebSocket."""
 
     path = "/"
     protocols: ClassVar[Any] = None
@@ -157,41 +160,40 @@ class _Web(_Stream):
         """Send the first messages."""
 
     def send(self, **fields: Any) -> None:
-        """An operation."""
         self.connection.send(json.dumps(fields))
 
 
 class Rosbridge(_Web):
-    """rosbridge, in JSON."""
+    """rosbridge client with JSON."""
 
     compression = "none"
 
     def begin(self) -> None:
         self.send(op="advertise", topic=TOPIC, type=TWIST)
         if self.compression != "none":
-            # Clients send JSON: the other encodings are for messages to them.
+            # Clients send JSON: the other encodings exist only towards clients.
             self.send(op="subscribe", topic="/left/joint_states", compression=self.compression)
         self.constant = self.made_of({"op": "publish", "topic": TOPIC, "msg": _twist(self.way)})
 
     def made_of(self, publication: dict[str, Any]) -> bytes:
-        """As frames."""
+        """Encode messages as frames."""
         return _text(publication)
 
 
 class RosbridgeCbor(Rosbridge):
-    """It is sent CBOR meanwhile."""
+    """rosbridge client that receives CBOR meanwhile."""
 
     compression = "cbor"
 
 
 class RosbridgePng(Rosbridge):
-    """It is sent PNG meanwhile."""
+    """rosbridge client that receives PNG meanwhile."""
 
     compression = "png"
 
 
 class RosbridgeFragments(Rosbridge):
-    """Each publication in two fragments."""
+    """rosbridge client that sends each publication in two fragments."""
 
     def made_of(self, publication: dict[str, Any]) -> bytes:
         text = json.dumps(publication)
@@ -203,7 +205,7 @@ class RosbridgeFragments(Rosbridge):
 
 
 class Foxglove(_Web):
-    """Foxglove's protocol, in CDR."""
+    """Foxglove client with CDR."""
 
     protocols = ("foxglove.sdk.v1",)
 
@@ -214,13 +216,13 @@ class Foxglove(_Web):
 
 
 class PageJson(Rosbridge):
-    """The page's socket, which takes rosbridge's operations too."""
+    """Client of the page's socket, which accepts rosbridge operations, too."""
 
     path = "/ws"
 
 
 class _Held(_Web):
-    """The page's socket, by a hand that rests at first and then holds."""
+    """Client of the page's socket with a device that rests first and then holds the dead-man."""
 
     path = "/ws"
     _began_s = 0.0
@@ -229,13 +231,13 @@ class _Held(_Web):
         self._began_s = 0.0
 
     def passed_s(self) -> float:
-        """Since it holds; below 0: it rests still."""
+        """Time since the hold began; negative while the device rests."""
         self._began_s = self._began_s or time.monotonic()
         return time.monotonic() - self._began_s - RESTS_S
 
 
 class _PageFrames(_Held):
-    """Operator frames of the page, in binary."""
+    """Sends the page's operator frames, in binary."""
 
     target: ClassVar[dict[str, str]]
 
@@ -262,7 +264,7 @@ class _PageFrames(_Held):
 
 
 class PagePhone(_PageFrames):
-    """A phone, tilted while it is held: slowly, as a turn at once would be a jump."""
+    """Phone that is tilted while held: slowly, because a sudden rotation would count as a jump."""
 
     target: ClassVar = {"device": "/phone"}
 
@@ -271,7 +273,7 @@ class PagePhone(_PageFrames):
 
 
 class PageJog(_PageFrames):
-    """A button of the page that jogs the arm along an axis while it is held."""
+    """Button of the page that jogs the arm along an axis while it is held."""
 
     target: ClassVar = {"arm": ARM}
 
@@ -281,7 +283,7 @@ class PageJog(_PageFrames):
 
 
 class PageTeleop(_Held):
-    """The public page `teleop`: the phone goes away from where it was held."""
+    """Public page `teleop`: the phone moves away from its start."""
 
     def message(self) -> bytes:
         passed_s = self.passed_s()
@@ -291,7 +293,7 @@ class PageTeleop(_Held):
 
 
 class _Bus(Client):
-    """By a node of its own."""
+    """Client with its own node."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         super().__init__(endpoint, way)
@@ -303,7 +305,7 @@ class _Bus(Client):
 
     @abstractmethod
     def joined(self) -> Network:
-        """On the network."""
+        """Connect to the network."""
 
     def hand(self, count: int) -> int:
         end_s = time.monotonic() + SEND_S
@@ -318,7 +320,7 @@ class _Bus(Client):
 
 
 class Zenoh(_Bus):
-    """A node on Zenoh."""
+    """Node on Zenoh."""
 
     def joined(self) -> Network:
         from cardan.bus.zenoh_network import BusNetwork
@@ -329,7 +331,7 @@ class Zenoh(_Bus):
 
 
 class Dds(_Bus):
-    """A node on DDS."""
+    """Node on DDS."""
 
     def joined(self) -> Network:
         from cardan.bus.dds_options import DdsOptions
@@ -341,7 +343,7 @@ class Dds(_Bus):
 
 
 class Daemon(_Stream):
-    """A verb by the daemon's socket; it reads its answers, or it would be let go."""
+    """Client of the daemon's socket that sends a verb and reads the answers, to stay connected."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         super().__init__(endpoint, way)
@@ -360,7 +362,7 @@ class Daemon(_Stream):
 
 
 class JointStream(Client):
-    """Another driver at the simulated arm itself."""
+    """Another driver that connects to the simulated arm itself."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         super().__init__(endpoint, way)
@@ -372,7 +374,7 @@ class JointStream(Client):
         until(self._greeted, "a state of the arm")
 
     def _greeted(self) -> bool:
-        """An arm that had another client sends states once that was silent."""
+        """Request a state, which an arm sends once its previous client was silent."""
         self.made = 1
         self.socket.send(encode_command(ArmCommand(0, 1, 0.0, ControlMode.HOLD), JOINTS))
         with contextlib.suppress(TimeoutError):
@@ -399,7 +401,7 @@ class JointStream(Client):
 
 
 class Spnav(_Stream):
-    """Here the client is the daemon to which the session's driver connects."""
+    """spacenavd daemon to which the session's driver connects."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         super().__init__(endpoint, way)
@@ -410,7 +412,7 @@ class Spnav(_Stream):
             listening.listen()
             listening.settimeout(20.0)
             self.socket, _ = listening.accept()
-        # A daemon that answers nothing is one of the first protocol, once the driver says so.
+        # Before it sends requests, a driver takes a silent daemon for one of protocol version 0.
         heard = b""
         while len(heard) < len(encode_handshake(NEWEST_VERSION) + encode_sensitivity(1.0)):
             heard += self.socket.recv(64)
@@ -420,7 +422,7 @@ class Spnav(_Stream):
         time.sleep(RESTS_S)
 
     def message(self) -> bytes:
-        # Records that are the same again and again are a daemon's, not a hand's.
+        # Repeats of one record are a daemon's own, and prove no hand.
         self.made += 1
         counts = (0, 0, self.way * (150 + self.made % 2), 0, 0, 0)
         return encode_motion(counts, 16)

@@ -1,10 +1,10 @@
-"""Makes the table of floods, tests/results/floods.md: how long after a client's last byte the arm
-is at rest.
+"""Generator of the table of floods, tests/results/floods.md: time from a client's last byte to rest
+of the arm.
 
-Real sockets; the simulated arm, its session, the server and the client are processes of their own.
-To write it anew, in less than 15 minutes: ``make flood-table``, or ``python -m tests.flood_table``.
-``--only WORDS`` measures the rows whose name has these words anew, and leaves the others. Those of
-DDS and Foxglove need their plug-ins.
+Real sockets; the simulated arm, its session, the server and the client are separate processes. To
+update it, in less than 15 minutes: ``make flood-table``, or ``python -m tests.flood_table``.
+``--only WORDS`` measures only rows with these words in their name. DDS and Foxglove rows need their
+plug-ins.
 """
 
 from __future__ import annotations
@@ -38,33 +38,35 @@ from tests.waiting import until
 _RULE: ParameterRule | None = find_rule("streamTimeout")
 assert _RULE is not None
 REST_S = _RULE.default + 0.3
-"""How long after the client's last byte the arm is at rest: the stream's timeout, and 0.3 s in
-which what had come may wait to be acted on."""
+"""Time limit from the client's last byte to rest of the arm: the stream's timeout, and 0.3 s for
+data that was received but not processed."""
 
 FLOOD_S = 1.6
-"""Longer than a backlog is tolerated for."""
+"""Longer than the tolerated backlog."""
 STOPPED_S = 1.0
 PORTION_S = 0.002
 BEGUN_S, BEGUN_PERIOD_S = 1.0, 0.02
-"""For how long, and how often, a client sends as clients do before its flood; again, where the arm
-does not move by then."""
+"""Duration and period of a client's normal messages before its flood; repeated if the arm does not
+move by then."""
 SETTLED_S = 0.5
-"""How long the arm has to rest, after the time in which it should be at rest, ..."""
+"""Required duration of the arm's rest after the time limit."""
 WATCHED_S = 6.0
-"""... and how long that is waited for."""
+"""Longest wait for that rest."""
 COUNTED_S = 1.0
-"""For how long it is measured what a message costs."""
+"""Duration of the measurement of a message's cost."""
 MOST_PER_S = 1e6
-"""More than any client here hands over: of a message whose cost is too small to be measured."""
+"""Highest assumed rate, above that of any client, for messages whose cost is too small to be
+measured."""
 
 RATES = (0.5, 2.0, 10.0)
-"""Multiples of the rate that can be handled."""
+"""Multiples of the sustainable rate."""
 ENDS = ("silence", "close", "abort", "client stopped for 1 s", "server stopped for 1 s")
 
 WITHOUT = {("joint stream", "server stopped for 1 s")}
-"""Not measured: the server is the arm itself, which does not move while it is stopped; ..."""
+"""Combinations that are not measured: the server is the arm itself, which does not move while it is
+stopped."""
 NONE = "–"
-"""... what stands there."""
+"""Text of their cells."""
 
 PERIOD_S = 0.008
 MOVES_RAD_S = 1e-3
@@ -104,18 +106,18 @@ PHONE = 'router = "{bus}"\nheading = "each hold"'
 
 
 class Server(NamedTuple):
-    """How a server is started beside a session, and its client."""
+    """Command line of a server beside a session, and its client."""
 
     client: type[clients.Client]
     server: tuple[str, ...] = ()
-    """Words of ``cardan net server``; empty: the session itself is the server."""
+    """Arguments of ``cardan net server``; empty: the session itself is the server."""
     device: str = ""
-    """Of the session."""
+    """Device of the session."""
     deadman: str = ""
     more: str = ""
-    """Of the table of its device."""
+    """Further keys of the device's table."""
     counted_per_s: float = 1000.0
-    """Messages a second by which it is measured what one costs: as many as it can handle."""
+    """Rate at which the cost of a message is measured: one that the server can handle."""
 
 
 _ROSBRIDGE = ("rosbridge", "--port", "0")
@@ -142,26 +144,29 @@ SERVERS = {
 
 
 class Row(NamedTuple):
-    """Effect of a flood."""
+    """Result of a flood."""
 
     server: str
     rate: float
     end: str
     late_s: float
-    """How long after the client's last byte the arm still moved; 0: it did not."""
+    """Duration of motion after the client's last byte; 0: none."""
     moved_s: float
-    """How long it moved altogether."""
+    """Total duration of motion."""
     ended_by_server: bool
     waited_s: float
-    """For how long of that its arm, session and server were ready to run and had no processor."""
+    """Part of that during which arm, session and server were ready to run and had no processor."""
 
 
 # -- processes -----------------------------------------------------------------------------------
 
 
 def arm(link: Connection) -> None:
-    """The simulated arm, until the other end of its pipe is closed; first it tells its endpoint,
-    and then, whenever it is asked, for how long it moved by now, and when last (monotonic, s)."""
+    """Run the simulated arm until the other end of its pipe closes.
+
+    It sends its endpoint first. On each request it sends its total time in motion and the time of
+    the last motion (monotonic, s).
+    """
     from cardan.sim_peers.arm.udp import SimulatedArmPeer
 
     class Watched(SimulatedArmPeer):
@@ -185,17 +190,18 @@ def arm(link: Connection) -> None:
 
 
 Waits = dict[int, dict[int, float]]
-"""For how long each process, and each of its threads, has waited for a processor, s."""
+"""Time that each thread of each process has waited for a processor, s."""
 
 
 def waits(roots: Sequence[int]) -> Waits:
-    """Those of these processes and of all that they have begun, by the kernel's own account."""
+    """Return the waiting times of these processes and all their descendants, as counted by the
+    kernel."""
     found: Waits = {}
     left = list(roots)
     while left:
         pid = left.pop()
         threads = found[pid] = {}
-        with contextlib.suppress(OSError):  # It has ended, or a thread of it.
+        with contextlib.suppress(OSError):  # process or thread has ended
             for task in Path(f"/proc/{pid}/task").iterdir():
                 threads[int(task.name)] = 1e-9 * int((task / "schedstat").read_text().split()[1])
                 left += map(int, (task / "children").read_text().split())
@@ -203,7 +209,7 @@ def waits(roots: Sequence[int]) -> Waits:
 
 
 def waited_s(before: Waits, after: Waits) -> float:
-    """By how much later something can have gone through all processes, one after the other."""
+    """Return the longest added delay of data that passes through all processes in sequence."""
     return sum(
         max(
             (now - before.get(pid, {}).get(each, now) for each, now in threads.items()), default=0.0
@@ -222,12 +228,16 @@ def send(
     end: str,
     roots: Sequence[int],
 ) -> None:
-    """A client that floods once it is told that the arm moves; tells when it began, and then when
-    it handed over its last byte, for how long the processes `roots` had waited by then, and whether
-    the server had ended the connection. It stays until it is killed, unless its end is another."""
+    """Run a client that floods once it is told that the arm moves.
+
+    It sends the start time, then the time of its last byte, the waiting times of the processes
+    `roots` by then, and whether the server has closed the connection. It stays until it is killed,
+    except if `end` says otherwise.
+    """
     client = SERVERS[name].client(endpoint, way)
     while not link.poll():
-        # An arm whose session stood still before it moved moves once its hand has rested.
+        # If the session stood still before the start, the arm moves only after a rest of the
+        # device.
         client.rest()
         until_s = time.monotonic() + BEGUN_S
         while time.monotonic() < until_s:
@@ -262,7 +272,7 @@ _processes.set_forkserver_preload([__name__])
 
 @contextlib.contextmanager
 def process(target: Callable[..., None], *given: Any) -> Iterator[tuple[Connection, int]]:
-    """A function in a process of its own, killed at the end: its pipe, and its number."""
+    """Run a function in a process that is killed at the end; yield its pipe and process id."""
     here, there = _processes.Pipe()
     started = _processes.Process(target=target, args=(there, *given), daemon=True)
     started.start()
@@ -278,7 +288,7 @@ def process(target: Callable[..., None], *given: Any) -> Iterator[tuple[Connecti
 
 @contextlib.contextmanager
 def program(*words: object, says_ready: bool = True) -> Iterator[tuple[str, int]]:
-    """``cardan WORDS``, killed at the end: where it serves, and its number."""
+    """Run ``cardan WORDS``, killed at the end; yield its endpoint and process id."""
     with subprocess.Popen(
         [sys.executable, "-m", "cardan", *map(str, words)],
         stdout=subprocess.PIPE if says_ready else subprocess.DEVNULL,
@@ -300,24 +310,24 @@ def program(*words: object, says_ready: bool = True) -> Iterator[tuple[str, int]
 
 
 class Bed:
-    """A server with its session and its arm, flooded again and again."""
+    """Server with its session and arm, flooded repeatedly."""
 
     def __init__(
         self, name: str, arm: Connection, endpoint: str, server: int, roots: Sequence[int]
     ) -> None:
-        """`roots`: the processes through which a command goes to the arm."""
+        """`roots`: process ids of the programs that a command passes."""
         self.name, self.endpoint, self.server = name, endpoint, server
         self._arm, self._way, self._roots = arm, 1, roots
 
     def moved(self) -> tuple[float, float]:
-        """For how long the arm moved by now, and when last."""
+        """Return the arm's total time in motion, and the time of the last motion."""
         self._arm.send(None)
         moved_s, newest_s = self._arm.recv()
         return moved_s, newest_s
 
     def _rests(self, from_s: float) -> tuple[float, Waits]:
-        """Wait until the arm is at rest, from then on; when it moved last, and the waits by
-        then."""
+        """Wait until the arm is at rest; return the time of the last motion, and the waiting times
+        by then."""
         before_s, found = math.nan, waits(self._roots)
         while True:
             now_s = time.monotonic()
@@ -331,8 +341,8 @@ class Bed:
 
     @contextlib.contextmanager
     def _client(self, per_s: float, seconds: float, end: str) -> Iterator[tuple[Connection, int]]:
-        """A client that has begun to flood, as the arm moves: its pipe, and its number."""
-        self._way = -self._way  # So that the arm stays where it has room.
+        """Start a client and wait until it moves the arm; yield its pipe and process id."""
+        self._way = -self._way  # keeps the arm inside its range
         before_s, _ = self.moved()
         given = self.name, self.endpoint, self._way, per_s, seconds, end, self._roots
         with process(send, *given) as (sender, pid):
@@ -341,7 +351,7 @@ class Bed:
             yield sender, pid
 
     def handled_per_s(self) -> float:
-        """How many messages a second of the server's own time is enough for."""
+        """Return the number of messages per second that need all of the server's processor time."""
         per_s = SERVERS[self.name].counted_per_s
         with self._client(per_s, COUNTED_S, "silence") as (sender, _):
             sender.recv()
@@ -355,7 +365,7 @@ class Bed:
         return 1.0 / max((cost_s - idle_s) / (per_s * COUNTED_S), 1.0 / MOST_PER_S)
 
     def _worked_s(self) -> float:
-        """For how long the server has worked: the clock of its process (Linux, CPUCLOCK_SCHED)."""
+        """Return the server's processor time (Linux, CPUCLOCK_SCHED)."""
         return time.clock_gettime(~self.server << 3 | 2)
 
     def flooded(self, rate: float, end: str, per_s: float) -> Row:
@@ -386,10 +396,10 @@ class Bed:
 
 @contextlib.contextmanager
 def bed(name: str) -> Iterator[Bed]:
-    """All that a server needs, until the end."""
+    """Run all programs that a server needs, until the end."""
     server = SERVERS[name]
     with contextlib.ExitStack() as stack:
-        # A socket's path has room for 107 bytes.
+        # A socket's path is limited to 107 bytes.
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="cardan-"))
         link, arm_pid = stack.enter_context(process(arm))
         peer = link.recv()
@@ -427,7 +437,7 @@ def bed(name: str) -> Iterator[Bed]:
 def rows(
     names: Iterable[str] = SERVERS, rates: Iterable[float] = RATES, ends: Iterable[str] = ENDS
 ) -> Iterator[Row]:
-    """All floods."""
+    """Yield the results of all floods."""
     for name in names:
         with bed(name) as made:
             per_s = made.handled_per_s()
@@ -440,8 +450,10 @@ def rows(
 
 
 def table(found: Iterable[Row], before: Iterable[Sequence[str]] = ()) -> str:
-    """Return the table: ms, bold where that is too long, and a star where the server ended
-    the connection; `before`: rows that stay where nothing was found anew."""
+    """Return the table: ms, bold above the limit, with a star if the server closed the connection.
+
+    `before`: rows that are kept if not measured again.
+    """
     cells: dict[tuple[str, float], dict[str, str]] = {
         (name, float(rate)): dict(zip(ENDS, each, strict=True)) for name, rate, *each in before
     }
@@ -463,7 +475,7 @@ def table(found: Iterable[Row], before: Iterable[Sequence[str]] = ()) -> str:
 
 
 def main() -> None:
-    """Measure, and write the table."""
+    """Measure the floods, and write the table."""
     reading = argparse.ArgumentParser(description="Measure how long arms go on after floods.")
     reading.add_argument("--only", metavar="WORDS", help="rows with these words; others stay")
     only = reading.parse_args().only
@@ -476,7 +488,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    # Its processes find their functions by the module's name.
+    # Child processes find their functions by the module's name.
     from tests import flood_table
 
     flood_table.main()

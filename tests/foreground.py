@@ -1,4 +1,4 @@
-"""Signals as in the foreground."""
+"""Signal handling as in the foreground."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def signals_act() -> Iterator[None]:
-    """A shell ignores SIGINT and SIGQUIT for what it starts in the background, nohup SIGHUP, and
-    what is ignored stays so in all that is started: within this they act as in the foreground."""
+    """Restore the default actions of ending signals.
+
+    A shell ignores SIGINT and SIGQUIT in background processes, nohup SIGHUP, and child processes
+    inherit this.
+    """
     acting = {signal.SIGINT: signal.default_int_handler}
     acting |= dict.fromkeys((signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM), signal.SIG_DFL)
     ignored = [each for each in acting if signal.getsignal(each) is signal.SIG_IGN]

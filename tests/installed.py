@@ -1,4 +1,4 @@
-"""Third-party packages, as if they were installed: the targets of their entry points are found."""
+"""Third-party packages that look installed: the targets of their entry points are found."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 LARGE_S = 50.0
-"""Longer than any command takes that a test runs."""
+"""Longer than any command of a test takes."""
 
 
 def add_metadata(site: Path, name: str, entry_points: Mapping[str, Mapping[str, str]]) -> None:
-    """Write pip's metadata of a package in `site`: its name and its entry points by group."""
+    """Write a package's pip metadata in `site`: its name, and its entry points by group."""
     folder = site / f"{name.replace('-', '_')}-1.0.dist-info"
     folder.mkdir(parents=True)
     (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
@@ -24,13 +24,13 @@ def add_metadata(site: Path, name: str, entry_points: Mapping[str, Mapping[str, 
 
 
 def environment(*sites: Path) -> dict[str, str]:
-    """The environment of a process that has what is in `sites` installed."""
+    """Return the environment of a process in which the packages in `sites` are installed."""
     path = os.pathsep.join(filter(None, [*map(str, sites), os.environ.get("PYTHONPATH")]))
     return {**os.environ, "PYTHONPATH": path, "COLUMNS": "200", "NO_COLOR": "1"}
 
 
 def cardan(*words: str, sites: tuple[Path, ...]) -> tuple[int, str]:
-    """The exit code of ``cardan WORDS`` with `sites`, and what it says."""
+    """Run ``cardan WORDS`` with `sites`; return its exit code and output."""
     done = subprocess.run(
         [sys.executable, "-m", "cardan", *words],
         capture_output=True,

@@ -1,5 +1,5 @@
-"""Third-party ROS 2 node in a process of its own. It executes commands, line by line, and reports
-as lines of JSON."""
+"""Third-party ROS 2 node in its own process: reads commands, one per line, and reports in lines of
+JSON."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ WAIT_S = 120.0
 
 
 class JudgeNode:
-    """Use in a with statement. It ends with its standard input."""
+    """Node for a with statement. The process ends with its standard input."""
 
     def __init__(self, command: Sequence[str | Path], env: Mapping[str, str] | None = None) -> None:
         self._command, self._env = command, env
         self.events: list[dict[str, Any]] = []
-        """All that it has told, in order."""
+        """All reported events in their order."""
         self._changed = threading.Condition()
         self._ended = self._killed = False
 
@@ -51,7 +51,7 @@ class JudgeNode:
             stdout.close()
 
     def kill(self) -> None:
-        """End it without a word, as a crash does; of the memory that it shared nothing stays."""
+        """Kill it like a crash, and remove its shared memory."""
         maps = Path(f"/proc/{self._process.pid}/maps").read_text()
         self._process.kill()
         self._process.wait()
@@ -71,13 +71,13 @@ class JudgeNode:
             self._changed.notify_all()
 
     def say(self, line: str) -> None:
-        """Have it carry out a command."""
+        """Send it a command."""
         assert self._process.stdin is not None
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
 
     def found(self, event: str, **fields: object) -> list[dict[str, Any]]:
-        """All events of a kind with these fields, so far."""
+        """Return all events of a kind with these fields, so far."""
         with self._changed:
             return [
                 each
@@ -86,7 +86,7 @@ class JudgeNode:
             ]
 
     def wait(self, event: str, count: int = 1, **fields: object) -> dict[str, Any]:
-        """The newest event of a kind with these fields, when there are `count` of them."""
+        """Return the newest event of a kind with these fields, after at least `count` of them."""
         end_s = time.monotonic() + WAIT_S
         while True:
             with self._changed:

@@ -1,4 +1,4 @@
-"""Messages in the sources: every text that is no docstring, with a mark for each value."""
+"""Messages in the sources: string literals that are no docstrings, with a mark for each value."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ VALUE = "\N{OBJECT REPLACEMENT CHARACTER}"
 
 
 def sources() -> list[Path]:
-    """The modules of Cardan and of its plug-ins, without tests."""
+    """Return the modules of Cardan and of its plug-ins, without tests."""
     plugins = ROOT.glob("plugins/cardan-*/cardan_*/**/*.py")
     return sorted([*(ROOT / "cardan").rglob("*.py"), *plugins])
 
 
 def text_of(node: ast.AST) -> str | None:
-    """A literal's text; None where it is none."""
+    """Return the text of a string literal; None for other nodes."""
     match node:
         case ast.Constant(value=str(text)):
             return text
@@ -30,7 +30,8 @@ def text_of(node: ast.AST) -> str | None:
 
 
 def texts_of(node: ast.AST) -> Iterator[str]:
-    """Those below `node`, each as a whole and once more what stands in its values."""
+    """Yield the texts below `node`: each f-string as a whole, and then the texts inside its
+    values."""
     match node:
         case ast.Expr(value=ast.Constant()):
             return
@@ -45,7 +46,7 @@ def texts_of(node: ast.AST) -> Iterator[str]:
 
 
 def messages() -> dict[str, str]:
-    """Every text, and a module that has it."""
+    """Return every text, with a module that contains it."""
     return {
         " ".join(text.split()): str(path.relative_to(ROOT))
         for path in sources()

@@ -1,8 +1,7 @@
-"""Every topic, service and action of a session, and who has judged it on which transport.
+"""Table of every topic, service and action of a session, with its judges on each transport.
 
-The rows are what a session puts on its node. A judgment is a mark of a test, ``shown_on``; the
-table of docs/judged.md, which is made of both, says no more and no less.
-The site has it (site_tables).
+The rows are the endpoints on a session's node. Each judge is a mark of a test, ``shown_on``;
+docs/judged.md has the result, and nothing else. The table is part of the site only (site_tables).
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ ACTION_PARTS = "/_action/"
 
 
 class Row(NamedTuple):
-    """A topic, service or action of a session."""
+    """Topic, service or action of a session."""
 
     name: str
     """~ is the arm's node; relative names are in its namespace."""
@@ -45,14 +44,14 @@ class Coverage(NamedTuple):
     transport: str
     by: str
     kinds: tuple[Kind, ...] = ()
-    """All of these kinds, ..."""
+    """All names of these kinds, except for those in `but`."""
     but: tuple[str, ...] = ()
-    """... without these names."""
+    """Excluded names."""
     names: tuple[str, ...] = ()
-    """Or these names only."""
+    """Alternatively, exactly these names."""
 
     def rows(self, among: Iterable[Row]) -> list[Row]:
-        """Which of the rows it shows."""
+        """Return the rows that it covers."""
         return [
             row
             for row in among
@@ -61,7 +60,7 @@ class Coverage(NamedTuple):
 
 
 class _Channel:
-    """Channel without listeners and without messages."""
+    """Channel without subscribers and messages."""
 
     heard = False
 
@@ -73,7 +72,7 @@ class _Channel:
 
 
 class _Node:
-    """Stand-in for a session's node, which keeps the endpoints made on it."""
+    """Stand-in for a session's node that records its endpoints."""
 
     zid = name = full_name = "node"
     namespace, options = "/", NetworkOptions()
@@ -115,7 +114,7 @@ class _Node:
 
 
 def rows() -> list[Row]:
-    """Of a session that has everything: all sets of names, a device, and an arm."""
+    """Return the rows of a session with everything: all sets of names, a device, and an arm."""
     options = NetworkOptions(device=True, other_names=get_args(NamesOf))
     network = SessionNetwork(
         options, ArmNames(("joint_1",)), "<robot/>", IDENTITY_POSE, print, bool, {}
@@ -130,16 +129,16 @@ def rows() -> list[Row]:
 
 
 def _order(name: str) -> tuple[int, str]:
-    """The arm's own names first, then those that every robot has."""
+    """Sort key: the arm's own names first, then those common to all robots."""
     return ("~", "/").index(name[0]) if name[0] in "~/" else 2, name
 
 
 def shown() -> set[Coverage]:
-    """Return the coverage of every mark, whether its test can run here or not."""
+    """Return the coverage of every mark, including tests that cannot run here."""
     found = set()
     for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/*.py")):
         text = path.read_text(encoding="utf-8")
-        if ".shown_on" not in text:  # Most: reading them all takes seconds.
+        if ".shown_on" not in text:  # Quick test: parsing all files takes seconds.
             continue
         for node in ast.walk(ast.parse(text)):
             if (
@@ -153,7 +152,7 @@ def shown() -> set[Coverage]:
 
 
 def checked(marks: Collection[Coverage], among: Collection[Row]) -> None:
-    """Raise ValueError where a mark names a row that does not exist."""
+    """Raise ValueError if a mark names a row that does not exist."""
     names = {row.name for row in among}
     for mark in marks:
         strange = {*mark.names, *mark.but} - names
@@ -163,7 +162,7 @@ def checked(marks: Collection[Coverage], among: Collection[Row]) -> None:
 
 
 def table() -> list[tuple[str, ...]]:
-    """The rows of the table: name, what it is, type, and the judges on each transport."""
+    """Return the rows of the table: name, purpose, type, and judges on each transport."""
     every, marks = rows(), shown()
     checked(marks, every)
     judges: dict[tuple[Row, str], list[str]] = {}

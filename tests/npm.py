@@ -1,4 +1,4 @@
-"""JavaScript packages that judge us, installed by npm once per user."""
+"""JavaScript packages for interoperability tests, installed by npm once per user."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INSTALL_TIMEOUT_S = 45.0
 
 
 def installed(name: str, version: str) -> Path:
-    """The folder in which node finds the package; skips where it cannot be installed."""
+    """Return the folder in which node finds the package; skip if it cannot be installed."""
     if not shutil.which("node") or not shutil.which("npm"):
         pytest.skip("node and npm are not installed (Debian: nodejs, npm)")
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

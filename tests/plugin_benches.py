@@ -1,4 +1,4 @@
-"""Benches of plug-ins' tests, for programs that fuzz and measure all devices."""
+"""Benches from the plug-ins' tests, for programs that fuzz and measure all devices."""
 
 import sys
 from pathlib import Path

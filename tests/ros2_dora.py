@@ -1,4 +1,4 @@
-"""A node of dora-rs, in a process of its own: `python -m tests.ros2_dora CONFIG ARM`.
+"""Node of dora-rs in its own process: `python -m tests.ros2_dora CONFIG ARM`.
 
 Prints what it saw of the arm's topics, services, parameters and actions as one line of JSON.
 Source: dora-rs 1.1, Ros2Context over Zenoh; AMENT_PREFIX_PATH leads to the interfaces.
@@ -18,7 +18,7 @@ TIMEOUT_S = 120.0
 
 
 class Reports(dict):
-    """Results; each is printed to stderr as soon as it is there, to show what is still missing."""
+    """Results, each also printed to stderr at once, which shows the missing ones."""
 
     def __setitem__(self, name, value):
         super().__setitem__(name, value)
@@ -30,7 +30,7 @@ def main(config, arm):
     context = dora.Ros2Context(transport=transport, domain_id=0)
     node = context.new_node("dora", "/", dora.Ros2NodeOptions(rosout=False))
     qos = dora.Ros2QosPolicies(reliable=True, keep_last=10)
-    # dora finds only servers of the depth that it asks for itself; ROS 2's parameters have 1000.
+    # dora finds only servers with its own history depth; ROS 2's parameters have 1000.
     parameters = dora.Ros2QosPolicies(reliable=True, keep_last=1000)
 
     def topic(name, kind):

@@ -1,4 +1,4 @@
-"""Cardan's interfaces as the files of a ROS 2 installation, for programs that read those."""
+"""Cardan's interfaces as files of a ROS 2 installation, for programs that read those."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _PARTS = {
     "action": ("_Goal", "_Result", "_Feedback"),
 }
 _NO_HASH = "RIHS01_" + "0" * 64
-"""Of an action as a whole: it is in the files, and not on the wire."""
+"""Placeholder for the hash of a whole action, which files contain but the wire does not."""
 
 
 def write_packages(folder: Path) -> None:
-    """Write what AMENT_PREFIX_PATH leads to: definitions, descriptions with hashes, packages."""
+    """Write the contents of AMENT_PREFIX_PATH: definitions, descriptions with hashes, packages."""
     needs: dict[str, set[str]] = {}
     for name, text in FILES.items():
         package, kind, last = name.split("/")

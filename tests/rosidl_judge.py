@@ -1,7 +1,8 @@
-"""ROS 2's own rosidl on the definitions here: it parses each file and computes each type's hash.
+"""Check of the definitions by ROS 2's own rosidl, which parses each file and computes each type's
+hash.
 
-In an environment of `tools/ros2`; PYTHONPATH is this source tree, for the definitions alone. It
-says what differs, and then ends with exit code 1.
+It runs in an environment of `tools/ros2`, with PYTHONPATH set to this source tree for the
+definitions. It prints differences, and then exits with code 1.
 """
 
 import contextlib
@@ -26,7 +27,7 @@ def main() -> int:
         package: {each for each in waiting if f"<depend>{each}<" in texts["package.xml"]}
         for package, texts in files.items()
     }
-    for package in waiting:  # As rosidl does, without being told.
+    for package in waiting:  # implicit dependencies of rosidl
         if any(each.startswith(("srv/", "action/")) for each in files[package]):
             needs[package] |= {"service_msgs"}
         if any(each.startswith("action/") for each in files[package]):
@@ -34,7 +35,7 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp())
     hashes: dict[str, str] = {}
     while waiting:
-        # In the order of their needs: it reads what it wrote of those before.
+        # In the order of dependencies: it reads its own output for earlier packages.
         package = next(each for each in sorted(waiting) if not needs[each] & waiting)
         waiting.remove(package)
         texts = {path: text for path, text in files[package].items() if "/" in path}

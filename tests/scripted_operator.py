@@ -1,4 +1,4 @@
-"""Simulated operator that follows the instructions of `cardan conform`, with a simulated device."""
+"""Simulated operator with a simulated device that follows the instructions of `cardan conform`."""
 
 import math
 import queue
@@ -13,10 +13,10 @@ REST = (0.0,) * 6
 
 
 class ScriptedOperator:
-    """Does what a person would who is told to."""
+    """Operator that executes each instruction."""
 
     def __init__(self, more=()):
-        """`more`: what a suite asks besides, each a step and its words."""
+        """`more`: further instructions of a suite, each with its step and words."""
         self.instructions = queue.SimpleQueue()
         self._steps = STEPS | {how: name for name, how in more}
 

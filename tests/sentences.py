@@ -1,4 +1,4 @@
-"""Sentences of docstrings, comments and messages, and those that begin as none should."""
+"""Sentences of docstrings, comments and messages, and bad beginnings of them."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ _BEGINS = (
 PRONOUN = re.compile(rf"(?:^|(?<=[.:;!?]\s)){_BEGINS}[^.?]*")
 """A sentence, or a part after a colon or semicolon, whose subject is a pronoun."""
 MAYBE = re.compile(rf'(?:"|#|[.:;!?]\s)\s*{_BEGINS}')
-"""In a source that may have one: others need not be parsed."""
+"""Quick test of a source, which finds all that need parsing."""
 NO_NOUN = re.compile(r"\s*(?:As|Of|Where|Whose)\b")
 """Beginning of a docstring that should begin with an imperative or a noun."""
 LONGEST = 120
-"""Of a sentence in a message, characters."""
+"""Limit on a sentence in a message, characters."""
 
 
 def sentences(text: str) -> list[str]:
-    """Those of a text on one line."""
+    """Split a text into sentences, each on one line."""
     return ENDS.split(text)
 
 
 def begun_with_a_pronoun(text: str) -> list[str]:
-    """Sentences of a text that have one, but for questions."""
+    """Return the sentences of a text that begin with a pronoun, except for questions."""
     flat = " ".join(text.split())
     found = PRONOUN.finditer(flat)
     return [each[0] for each in found if not flat.startswith("?", each.end())]
 
 
 def docstrings(source: str) -> Iterator[tuple[int, str]]:
-    """Line and text of the docstrings of a module, its classes, functions and attributes."""
+    """Yield line and text of the docstrings of a module, its classes, functions and attributes."""
     for node in ast.walk(ast.parse(source)):
         body = getattr(node, "body", None)
         for each in body if isinstance(body, list) else ():
@@ -46,7 +46,7 @@ def docstrings(source: str) -> Iterator[tuple[int, str]]:
 
 
 def comments(source: str) -> Iterator[tuple[int, str]]:
-    """Line and text of the comments that are sentences; one over several lines is one text."""
+    """Yield line and text of comments that are sentences; consecutive lines count as one text."""
     begin, joined, last = 0, "", 0
     for each in tokenize.generate_tokens(io.StringIO(source).readline):
         if each.type != tokenize.COMMENT:
@@ -64,7 +64,7 @@ def comments(source: str) -> Iterator[tuple[int, str]]:
 
 
 def strings(source: str) -> Iterator[tuple[int, str]]:
-    """Line and text of every string in a module: docstrings, messages, help texts."""
+    """Yield line and text of every string in a module: docstrings, messages, help texts."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.lineno, node.value

@@ -1,4 +1,4 @@
-"""A simulated peer that serves while a test does something else."""
+"""Simulated peers that serve while a test runs."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from cardan.sim_peers.base import SimulatedPeer
 _P = TypeVar("_P", bound=SimulatedPeer)
 
 PATIENT = {"device_age_s": 0.5, "stall_s": 0.5, "heartbeat_s": 0.5}
-"""Watchdogs of a session in a thread of the tests, whatever else this computer does: by default it
-ends motions when it stood still for 0.1 s. For `parse_config` with `from_file=False`."""
+"""Watchdogs for a session in a thread of the tests, on a computer with other load: by default a
+pause of 0.1 s ends motion. For `parse_config` with `from_file=False`."""
 
 ARM_SESSION = """
 [robot]
@@ -36,18 +36,17 @@ namespace = "left"
 router = ""
 listen = ["{endpoint}"]
 """
-"""A session's file: an arm on the network as /left/arm, met at `endpoint`."""
+"""Session file: an arm on the network as /left/arm, reachable at `endpoint`."""
 
 
 @contextmanager
 def in_a_thread(peer: _P) -> Iterator[_P]:
-    """`peer`, opened, stepping in a thread of its own until the end."""
+    """Open `peer`, and serve it in a thread until the end."""
     with peer:
         yield peer
 
 
 def free_udp_port() -> int:
-    """A UDP port nobody has now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -55,12 +54,11 @@ def free_udp_port() -> int:
 
 
 def free_endpoint() -> str:
-    """An endpoint of Zenoh on loopback that nobody has now."""
+    """Return an unused Zenoh endpoint on loopback."""
     return f"tcp/127.0.0.1:{free_tcp_port()}"
 
 
 def free_tcp_port() -> int:
-    """A TCP port nobody has now."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -69,7 +67,7 @@ def free_tcp_port() -> int:
 
 @contextmanager
 def served(*arguments: str) -> Iterator[str]:
-    """The endpoint of what ``cardan ARGUMENTS`` serves in a process of its own."""
+    """Serve ``cardan ARGUMENTS`` in its own process; yield the endpoint."""
     process = subprocess.Popen(
         [sys.executable, "-m", "cardan", *arguments], stdout=subprocess.PIPE, text=True
     )
@@ -84,14 +82,14 @@ def served(*arguments: str) -> Iterator[str]:
 
 
 def demo_of(driver: str) -> Demo:
-    """The demo with that driver that launches the least."""
+    """Return the demo with that driver that launches the fewest programs."""
     demos = (demo for demo in find_demos().values() if driver in demo.drivers)
     return min(demos, key=lambda demo: len(demo.launch))
 
 
 @contextmanager
 def demonstrated(demo: Demo, folder: Path) -> Iterator[dict[str, Any]]:
-    """The tables of a demo's session, while what it launches is served; its files in `folder`."""
+    """Yield the tables of a demo's session while its programs serve, with its files in `folder`."""
     tables, launches = demo.prepare(folder)
     with ExitStack() as stack:
         for words in launches:

@@ -38,12 +38,12 @@ NEGLIGIBLE = 1e-11
 """Squared size of a row that counts as zero, for daqp and the kernel."""
 
 SAME_COST = 1e-9
-"""Difference of costs that is rounding, relative to their parts: those of violated rows are
+"""Difference of costs that counts as rounding, relative to their parts: costs of violated rows are
 large."""
 
 
 def surroundings(generator, count=6):
-    """A floor, and boxes, capsules and spheres at random places around an arm's base."""
+    """Return a floor, and boxes, capsules and spheres at random places around an arm's base."""
     yield Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -0.3))
     for index in range(count):
         where = Vector3(*generator.uniform(-1.2, 1.2, 3))
@@ -60,7 +60,7 @@ def surroundings(generator, count=6):
 
 
 def random_joints(arm, generator):
-    """Anywhere in the range; joints that turn for ever several turns away."""
+    """Return random joint positions in range; continuous joints are several turns away."""
     low = np.where(arm.continuous, -20.0, arm.lower)
     high = np.where(arm.continuous, 20.0, arm.upper)
     return generator.uniform(low, high)
@@ -78,7 +78,7 @@ class Worst(NamedTuple):
 
 
 def kinematics(name, count, seed=0):
-    """Placement and Jacobian of random joints, with a random tool, against Pinocchio."""
+    """Compare placement and Jacobian of random joints, with a random tool, with Pinocchio's."""
     generator, library = np.random.default_rng(seed), kernel_library()
     turned = from_rotation_vector(Vector3(*generator.uniform(-2, 2, 3)))
     tool = Pose(Vector3(*generator.uniform(-0.3, 0.3, 3)), turned)
@@ -103,7 +103,7 @@ def kinematics(name, count, seed=0):
 
 
 def make_finest(model):
-    """Have Coal iterate as far as it can."""
+    """Let Coal iterate to its finest tolerance."""
     for request in model._data.distanceRequests:
         request.gjk_tolerance = request.epa_tolerance = FINEST
         request.gjk_max_iterations = request.epa_max_iterations = 1000
@@ -122,7 +122,7 @@ class Distances(NamedTuple):
 
 
 def distances(name, count, seed=0, per_scene=100):
-    """Distances of all pairs against Coal's, in random scenes."""
+    """Compare the distances of all pairs with Coal's, in random scenes."""
     generator, library = np.random.default_rng(seed), kernel_library()
     arm = ArmKinematics(load_arm(name))
     checked, farther, nearer, steep = 0, 0.0, 0.0, 0.0
@@ -142,7 +142,7 @@ def distances(name, count, seed=0, per_scene=100):
             step = generator.normal(size=arm.joints)
             expected = rows @ step
             off = np.full(pairs, math.inf)
-            for side in (1e-7, -1e-7):  # of a kink, one side has this slope
+            for side in (1e-7, -1e-7):  # one side of a kink has this slope
                 there = q + side * step
                 library.kernel_distances(
                     servo._handle, _doubles(there), _doubles(moved), _doubles(spare)
@@ -154,7 +154,7 @@ def distances(name, count, seed=0, per_scene=100):
 
 
 class Program(NamedTuple):
-    """A program of a tick: min ½x'Hx + f'x, low <= x <= high, A x >= least softly."""
+    """Optimization problem of a tick: min ½x'Hx + f'x, low <= x <= high, A x >= least softly."""
 
     hessian: np.ndarray
     linear: np.ndarray
@@ -164,7 +164,7 @@ class Program(NamedTuple):
     least: np.ndarray
 
     def cost(self, x):
-        """Return the cost to be minimized, the price of violated rows included."""
+        """Return the cost to be minimized, including the penalty of violated rows."""
         if len(self.rows):
             slack = np.maximum(0.0, self.least - self.rows @ x)
             size2 = np.einsum("ij,ji->i", self.rows, np.linalg.solve(self.hessian, self.rows.T))
@@ -175,15 +175,18 @@ class Program(NamedTuple):
         return 0.5 * x @ self.hessian @ x + self.linear @ x + price
 
     def no_worse(self, x, y):
-        """Whether `x` costs no more than `y` but for rounding; `y` is brought into its bounds,
-        which daqp leaves by up to 1e-7 where rows are violated: that would cost less."""
+        """Return whether `x` costs no more than `y`, up to rounding.
+
+        `y` is clipped to its bounds first: daqp leaves them by up to 1e-7 if rows are violated,
+        which would cost less.
+        """
         y = np.clip(y, self.low, self.high)
         cost = self.cost(y)
         size = abs(cost) + y @ self.hessian @ y + abs(self.linear @ y)
         return self.cost(x) <= cost + SAME_COST * size
 
     def by_kernel(self):
-        """Solution, multipliers, iterations and flag of the kernel."""
+        """Solve it with the kernel; return solution, multipliers, iterations and flag."""
         library, given = kernel_library(), layout.CProgram()
         n, rows = len(self.linear), len(self.rows)
         given.unknowns, given.rows = n, rows
@@ -202,7 +205,7 @@ class Program(NamedTuple):
         return x, np.array(given.multiplier[: n + rows]), given.iterations, flag, again, warm
 
     def by_daqp(self):
-        """Solution and flag of daqp."""
+        """Solve it with daqp; return solution and flag."""
         n, rows = len(self.linear), len(self.rows)
         sense = np.zeros(n + rows, dtype=np.int32)
         sense[n:] = 8
@@ -220,8 +223,8 @@ class Program(NamedTuple):
         return x, flag
 
     def by_quadprog(self):
-        """Solution of quadprog, the violations of rows as unknowns of their own; None where it
-        finds none."""
+        """Solve it with quadprog, with the violations of rows as further unknowns; return None if
+        it finds no solution."""
         n, rows = len(self.linear), len(self.rows)
         size2 = np.einsum("ij,ji->i", self.rows, np.linalg.solve(self.hessian, self.rows.T))
         whole = np.zeros((n + rows, n + rows))
@@ -239,7 +242,7 @@ class Program(NamedTuple):
             return None
 
     def residual(self, x, multiplier):
-        """Largest violation of the conditions of Karush, Kuhn and Tucker."""
+        """Return the largest violation of the Karush-Kuhn-Tucker conditions."""
         n = len(x)
         bound, row = multiplier[:n], multiplier[n:]
         slope = self.hessian @ x + self.linear - bound - self.rows.T @ row
@@ -258,7 +261,8 @@ class Program(NamedTuple):
 
 
 def random_program(generator, degenerate=False):
-    """As a tick makes them: a task of six directions with damping, and the speed along a path."""
+    """Return a random problem like a tick's: a task of six directions with damping, and the speed
+    along a path."""
     n = int(generator.integers(1, layout.MAX_JOINTS + 1))
     task = np.zeros((6, n + 1))
     task[:, :n] = generator.normal(size=(6, n)) * generator.choice((0.1, 1.0), size=(6, 1))
@@ -288,26 +292,26 @@ def random_program(generator, degenerate=False):
 
 
 class Programs(NamedTuple):
-    """Results of the comparison of programs."""
+    """Results of the comparison of optimization problems."""
 
     solved: int
     daqp: float
     """Largest difference of an unknown from daqp's."""
     better: int
-    """So many differ by more and cost no more than daqp's."""
+    """Number of problems whose solution differs by more but costs no more than daqp's."""
     quadprog: float
-    """Likewise from quadprog's."""
+    """Largest difference of an unknown from quadprog's."""
     refused: int
-    """So many quadprog calls inconsistent, which none is."""
+    """Number of problems that quadprog calls inconsistent, wrongly."""
     better_than: int
     residual: float
     warm: float
-    """Largest difference of an unknown when started from its own active constraints."""
+    """Largest difference of an unknown after a start from its own active constraints."""
     iterations: int
 
 
 def programs(count, seed=0, degenerate=False):
-    """Random programs against daqp and quadprog."""
+    """Compare random problems with daqp and quadprog."""
     generator = np.random.default_rng(seed)
     off, other, residual, warm_off, most, better = 0.0, 0.0, 0.0, 0.0, 0, 0
     refused, better_than = 0, 0
@@ -340,13 +344,14 @@ class Ticks(NamedTuple):
 
     ticks: int
     velocity: float
-    """Largest difference of a joint velocity, of ticks that do not cost less."""
+    """Largest difference of a joint velocity, in ticks with equal cost."""
     better: int
-    """So many ticks differ by more than SAME_TICK; their program costs no more."""
+    """Number of ticks that differ by more than SAME_TICK with a cost no higher."""
     ambiguous: int
-    """So many had a pair that overlaps so deeply that the way out of it is not unique."""
+    """Number of ticks with a pair that overlaps so deeply that its direction of escape is not
+    unique."""
     worse: int
-    """So many that cost more."""
+    """Number of ticks with a higher cost."""
     other: float
     """Largest difference of a path speed, a twist of the reference, or a number of the status."""
     iterations: int
@@ -356,11 +361,11 @@ SAME_TICK, SAME_NUMBER = 1e-7, 1e-5
 
 
 class FinestDaqp:
-    """daqp as the servo in Python calls it, but with tolerances of rounding: its own default takes
-    for satisfied what is violated by 1e-6."""
+    """daqp as called by the Python servo, but with tolerances of rounding: its default ignores
+    violations of 1e-6."""
 
     last = ()
-    """The program that was solved last."""
+    """Last solved problem."""
 
     @classmethod
     def solve(cls, *program):
@@ -369,7 +374,7 @@ class FinestDaqp:
 
 
 def pair_of_servos(name, generator, obstacles=True, **options):
-    """Today's servo and the compiled one, the same arm and surroundings."""
+    """Return the Python servo and the compiled one, with the same arm and scene."""
     arm = ArmKinematics(load_arm(name))
     model = CollisionModel(arm, tuple(surroundings(generator)) if obstacles else ())
     make_finest(model)
@@ -379,7 +384,7 @@ def pair_of_servos(name, generator, obstacles=True, **options):
 
 
 def ticks(name, count, seed=0, per_scene=200):
-    """Random states, goals and twists through both servos."""
+    """Run random states, goals and twists through both servos."""
     with unittest.mock.patch.object(servo_module, "daqp", FinestDaqp):
         return _ticks(name, count, seed, per_scene)
 
@@ -431,7 +436,7 @@ def _ticks(name, count, seed, per_scene):
             off = max(off, apart)
             one, two = python.status(), compiled.status()
             if one.failures > failed:
-                continue  # Both braked: nothing else is of the program.
+                continue  # both braked: nothing else to compare
             numbers = [(a, b) for a, b in zip(one, two, strict=True) if isinstance(a, float)]
             differs = max(
                 abs(python.path_speed - compiled.path_speed),
@@ -447,7 +452,7 @@ def _ticks(name, count, seed, per_scene):
 
 
 def rows_agree(python, compiled, q):
-    """Whether both have the same rows, apart from which way out of an overlap they take."""
+    """Return whether both have the same rows, apart from the direction out of an overlap."""
     n, pairs = python.joints, len(python.collision.pairs)
     found, rows = np.zeros(pairs), np.zeros((pairs, n))
     kernel_library().kernel_distances(
@@ -458,7 +463,7 @@ def rows_agree(python, compiled, q):
 
 
 def tick_is_no_worse(python, compiled):
-    """Whether the compiled servo's velocities cost no more by the program of the other."""
+    """Return whether the compiled servo's velocities cost no more in the other servo's problem."""
     n = python.joints
     normal, linear, rows, highest, lowest, _ = FinestDaqp.last
     unknowns = len(linear)

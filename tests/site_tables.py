@@ -1,7 +1,7 @@
-"""The tables that the site of the documentation has, and the pages in the repository have not.
+"""Tables that only the documentation's site has, not the pages in the repository.
 
-Each is made from what the code or the tests declare. In the page its place has a marker and one
-line that says which command prints the same; `filled` puts the table there, for the site
+Each is generated from declarations in the code or the tests. In the page its place has a marker,
+and a line with the command that prints the same; `filled` puts the table there, for the site
 (docs/site/conf.py) and for the tests that read pages. Tables of results that take a run to get are
 read from tests/results (result_tables).
 
@@ -25,7 +25,7 @@ from tests.result_tables import Results
 
 
 class SiteTable(NamedTuple):
-    """A table of a page of the site."""
+    """Table of a page of the site."""
 
     page: str
     """Relative to the repository."""
@@ -33,12 +33,12 @@ class SiteTable(NamedTuple):
     """Contents, as a noun phrase."""
     make: Callable[[], str]
     command: str = ""
-    """It prints the same; empty: this module does."""
+    """Command that prints the same; empty: this module does."""
     file: str = ""
-    """It has the table, in place of a command: relative to the repository."""
+    """File that contains it, in place of a command: relative to the repository."""
 
     def line(self, name: str) -> str:
-        """Return the line that the page in the repository has in its place."""
+        """Return the line in its place in the repository's page."""
         if self.file:
             file = posixpath.relpath(self.file, posixpath.dirname(self.page))
             return f"On the site: {self.what}. In the repository: [file]({file}).\n"
@@ -48,12 +48,12 @@ class SiteTable(NamedTuple):
 
 
 def begin(name: str) -> str:
-    """The line before the place of that table."""
+    """Return the line before the place of that table."""
     return f"<!-- site table: {name} -->\n"
 
 
 SCRIPTED = ("abb-gofa", "spacemouse", "wiimote", "leap", "gamepad", "keyboard", "jr3", "omni")
-"""Simulated peers with scripts of their own. Other devices have those of the SpaceMouse."""
+"""Simulated peers with their own scripts. Other devices use those of the SpaceMouse."""
 
 
 def _driver_options() -> Iterator[tuple[str, SiteTable]]:
@@ -70,9 +70,9 @@ def _driver_options() -> Iterator[tuple[str, SiteTable]]:
 
 
 def _faults() -> Iterator[tuple[str, SiteTable]]:
-    """Of each simulated peer, where several commands have the same ones once."""
+    """Return the faults of each simulated peer; commands with equal faults share a section."""
     for name in docs_tables.ours(peers):
-        if name == "keyboard":  # It has the gamepad's, and their section is one.
+        if name == "keyboard":  # the section of the gamepad covers both
             continue
         peer = peers.load(name)
         title = "serial devices" if name == "spacemouse-serial" else name
@@ -88,9 +88,9 @@ def _faults() -> Iterator[tuple[str, SiteTable]]:
 
 
 def _options() -> Iterator[tuple[str, SiteTable]]:
-    """Of each simulated peer, and where it has scripts of its own, those and their verbs."""
+    """Return the options of each simulated peer, and its own scripts with their verbs."""
     for name, peer in docs_tables.ours(peers).items():
-        if name not in ("keyboard", "phone"):  # They have those of the gamepad and of `xr`.
+        if name not in ("keyboard", "phone"):  # these have the scripts of the gamepad and of `xr`
             yield (
                 f"options of {name}",
                 SiteTable(
@@ -174,7 +174,7 @@ def _network() -> str:
 
 
 def _urscript() -> str:
-    """The controller's functions, with the defaults of their arguments as the language has them."""
+    """Return the controller's functions, with the default arguments in URScript's syntax."""
     rows = [
         (
             f"`{name}`",
@@ -259,7 +259,7 @@ TABLES: dict[str, SiteTable] = {
 
 
 def filled(page: str, text: str) -> str:
-    """The text of a page (relative to the repository) with its tables."""
+    """Return the text of a page (relative to the repository) with its tables."""
     for name, table in TABLES.items():
         if table.page == page:
             text = replaced(text, begin(name), table.make())
@@ -267,7 +267,7 @@ def filled(page: str, text: str) -> str:
 
 
 def unfilled(page: str, text: str) -> str:
-    """The text of a page without its tables, as it is in the repository."""
+    """Return the text of a page without its tables, like in the repository."""
     for name, table in TABLES.items():
         if table.page == page:
             text = replaced(text, begin(name), table.line(name))
@@ -275,12 +275,12 @@ def unfilled(page: str, text: str) -> str:
 
 
 def read(page: str) -> str:
-    """A page as the site has it."""
+    """Return a page as shown on the site."""
     return filled(page, (ROOT / page).read_text(encoding="utf-8"))
 
 
 def main(names: list[str]) -> None:
-    """Print tables; without a name write the lines that are in their places."""
+    """Print the named tables; without a name, write the lines in their places."""
     for name in names:
         print(TABLES[name].make(), end="")
     if not names:

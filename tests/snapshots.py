@@ -1,4 +1,4 @@
-"""Snapshots of sessions, as tests make them."""
+"""Snapshots of sessions for tests."""
 
 import dataclasses
 from typing import Any
@@ -7,7 +7,8 @@ from cardan.gateway.session.snapshot import Snapshot
 
 
 def changed(snapshot: Snapshot, **fields: Any) -> Snapshot:
-    """`snapshot` with other values: its own fields by name, those of a part as PART__FIELD."""
+    """Return `snapshot` with other values: its own fields by name, those of a part as
+    PART__FIELD."""
     for name, value in fields.items():
         part, _, field = name.rpartition("__")
         if part:

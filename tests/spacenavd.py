@@ -20,11 +20,11 @@ from tests.waiting import WITHIN_S
 TIMEOUT_S = WITHIN_S
 
 PROBES = 30
-"""Most starts of the daemon until it has found its device."""
+"""Limit on starts of the daemon until it finds its device."""
 
 
 class PuckMotion:
-    """Does what a test has it do, at once."""
+    """Device motion under the control of a test."""
 
     def __init__(self):
         self._acts = queue.SimpleQueue()
@@ -44,7 +44,7 @@ class PuckMotion:
 
 
 def asked(path, code):
-    """The answer of the daemon at `path` to a request without values."""
+    """Return the answer of the daemon at `path` to a request without values."""
     reader = ServerReader()
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         client.settimeout(TIMEOUT_S)
@@ -61,8 +61,8 @@ def asked(path, code):
 
 @contextlib.contextmanager
 def _started(folder, daemon):
-    """The daemon, its socket's path, and a connection that says nothing."""
-    # In the foreground this daemon makes its socket below its working directory.
+    """Start the daemon; yield it, its socket's path, and a silent connection."""
+    # In the foreground, this daemon creates its socket below its working directory.
     path = folder / "run" / "spnav.sock"
     path.unlink(missing_ok=True)
     with (folder / "log").open("w") as log:
@@ -75,7 +75,7 @@ def _started(folder, daemon):
         try:
             deadline_s = time.monotonic() + TIMEOUT_S
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as old_client:
-                while old_client.connect_ex(str(path)):  # Not there yet, or it does not listen yet.
+                while old_client.connect_ex(str(path)):  # not there yet, or not listening yet
                     said = (folder / "log").read_text()
                     assert process.poll() is None, f"spacenavd ended: {said}"
                     assert time.monotonic() < deadline_s, f"spacenavd does not serve: {said}"
@@ -88,11 +88,11 @@ def _started(folder, daemon):
 
 @contextlib.contextmanager
 def spacenavd(folder, script, *, settings="", model="magellan", motion=None, **options):
-    """Debian's daemon with a serial device that a hand moves by `script`, or `motion` in its place:
-    its socket's path, and a connection that says nothing.
+    """Run Debian's daemon with a serial device that `script` or `motion` deflects; yield its
+    socket's path and a silent connection.
 
-    Once, at its start, it looks for the device, and takes it for absent if that does not answer
-    within 0.25 s. A computer that is busy then is no fault of anybody's: it is started anew.
+    The daemon searches for the device once, at its start, and ignores it if there is no answer
+    within 0.25 s. On a busy computer it is started again.
     """
     daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
     if daemon is None:

@@ -1,4 +1,5 @@
-"""Dependencies point one way; protocols keep no clock and open nothing."""
+"""Import rules of the layers (protocols have no clock and no I/O), and rules for names and
+sentences."""
 
 import ast
 import fnmatch
@@ -29,7 +30,7 @@ BESIDE = {
     "tests",
     *(path.parent.name for path in SOURCE_TREE.glob("plugins/*/*/__init__.py")),
 }
-"""Packages that build on this one, absent where only the package is installed."""
+"""Packages that build on this one; absent if only the package is installed."""
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 OF_THE_TREE = {"cardan", *BESIDE}
 DRIVERS = ours(registry)
@@ -38,14 +39,15 @@ GROUPS = {
     "cardan.dissect", "cardan.drivers", "cardan.filters", "cardan.second_descriptions",
     "cardan.servers", "cardan.sim_peers",
 }  # fmt: skip
-"""Entry points by which a plug-in may reach Cardan; ``cardan.dissect`` reaches cardan-dissect."""
+"""Entry-point groups through which a plug-in may reach Cardan; ``cardan.dissect`` reaches
+cardan-dissect."""
 KNOW_DISSECTION = {
     "cardan_jr3.capture", "cardan_jr3.dissect", "cardan_serial_mice.dissect",
     "cardan_spnav_server.dissect", "cardan_wiimote.bluetooth", "cardan_wiimote.captures",
     "cardan_wiimote.dissect",
 }  # fmt: skip
-"""Modules that import cardan-dissect, a plug-in as theirs is: entry points of its groups name them,
-and the rest of theirs does without."""
+"""Modules that import cardan-dissect, which is itself a plug-in: entry points of its groups name
+them, and their other modules do without."""
 LEAVES = {"common", "errors", "robots", "spatial", "types", "__init__", "__version__"}
 
 MAY_IMPORT = {
@@ -90,9 +92,8 @@ EXCEPTIONS = {
         "cardan.protocols.rosbridge.*",
     ),
 }
-"""The simulated arm's driver has the simulated arm for its hardware, in the same process; and the
-gateway serves rosbridge itself, to programs instead of a robot; the console reads cameras for its
-pages."""
+"""Allowed exceptions: the simulated arm is the hardware of its own driver, in the same process; the
+gateway serves rosbridge itself; the console reads cameras for its pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 SUITES_OF_ARMS = sorted(SOURCE_TREE.glob("plugins/cardan-conform-arms/cardan_conform_arms/**/*.py"))
@@ -147,7 +148,7 @@ GONE = frozenset(
         "joint_path",
     ]
 )
-"""Names of modules that the field has other words for: CHANGELOG.md has them."""
+"""Former names of modules, replaced by the field's words: CHANGELOG.md has both."""
 GONE_WORDS = (
     "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot",
     "ConnexionRig", "CyclicRig", "DaemonArm", "Doors", "DriverRig", "EgmDriverRig", "EgmPilot",
@@ -164,19 +165,19 @@ GONE_WORDS = (
     "kept_text", "leash_used", "leashed", "make_hand", "no_farewell_after_s", "off_the_wire",
     "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
-"""Words of identifiers, likewise."""
+"""Former words in identifiers, likewise."""
 GONE_ARGUMENTS = {"seen", "judge", "act", "acts"}
-"""Names of arguments and functions in suites, likewise; elsewhere they have another meaning."""
+"""Former names of arguments and functions in suites; other code uses them with another meaning."""
 GONE_EVERYWHERE = re.compile(
     r"_?(?:\w+_)?(?:rigs?|(?:un)?told)|_?kept|\w*Rig|_?Told|_?Kept|_?judge_\w+|_?(?:\w+_)?KEPT(?:_\w+)?"
 )
-"""Identifiers and names of modules, likewise, in all Python of the tree."""
+"""Former identifiers and module names, likewise, in all Python files of the tree."""
 MEANT_OTHERWISE = {
     ("tests/sweep/operators.py", "judge_node"): "another implementation, which judges ours",
     ("tests/fastdds/__init__.py", "judge_node"): "the same",
     ("tests/judge_node.py", "judge_node"): "the same",
 }
-"""Exceptions from these: file, name and why."""
+"""Exceptions from these: file, name and reason."""
 FREE_OF_CIRCLES = (
     "bus", "common", "conform", "demos", "doctor", "drivers", "gateway", "own_arm",
     "protocols", "recording", "sim_peers",
@@ -194,7 +195,7 @@ GATEWAY_ROOMS = {
     "daemon": {"session", "arm", "servers"},
     "session": {"bus", "arm", "operator", "force", "motion", "kinematics", "servo"},
 }
-"""Rooms that each room of the gateway may import, besides itself."""
+"""Subpackages of the gateway, and those that each may import besides itself."""
 
 ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
@@ -230,7 +231,7 @@ ARM_MODEL = (
     "cardan_conform_arms.ros2_arm.simulated",
 )
 """Modules that need the extra cardan[arm]; all others of the package, and of the plug-in with
-suites of arms, are imported without it."""
+suites of arms, must be importable without it."""
 
 IMPORT_WITHOUT = """
 import importlib, sys
@@ -242,23 +243,23 @@ for name in {names!r}:
     except ExtraMissingError as error:
         print(name, error, sep=": ")
 """
-"""A module that is None in sys.modules cannot be imported."""
+"""Import modules with others set to None in sys.modules, which makes their import fail."""
 
 
 NOT_AT_ONCE = {
     "asyncio", "cardan_dissect", "getpass", "hmac", "numpy", "rich", "scapy", "secrets", "ssl",
     "websockets", "zenoh",
 }  # fmt: skip
-"""Modules that would delay the start of every command, and only some need."""
+"""Modules that would delay the start of every command, although few commands need them."""
 
 
 BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
-"""Where statements have statements in them."""
+"""Fields of statements that contain statements."""
 
 
 @functools.cache
 def import_statements(path):
-    """All in a module, wherever in it. Expressions, which have none, are most of the tree."""
+    """Yield all import statements of a module, without a walk through its expressions."""
     found, blocks = [], [ast.parse(path.read_text(encoding="utf-8")).body]
     while blocks:
         for node in blocks.pop():
@@ -269,7 +270,7 @@ def import_statements(path):
 
 
 def imported(path):
-    """Absolute names of everything a module imports, wherever in it."""
+    """Return the absolute names of all imports in a module, including nested ones."""
     for node in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -288,9 +289,11 @@ def module_name(path):
 
 
 def imported_modules(path, modules):
-    """The modules of `modules` that one imports by name, under TYPE_CHECKING and in functions too.
+    """Return the modules of `modules` that a module imports by name, including those under
+    TYPE_CHECKING and in functions.
 
-    ``from package import module`` imports the module; the package only for names of its own.
+    ``from package import module`` counts as an import of the module, and of the package only for
+    its own names.
     """
     found = set()
     for node in import_statements(path):
@@ -316,7 +319,7 @@ def test_imports_point_one_way(name):
 
 
 def test_a_suite_never_imports_what_it_checks():
-    """Drivers are run by the simulations of their suites, which are loaded only to run one."""
+    """Only the simulations of suites run drivers, and are imported only to do that."""
     conform = [path for path in MODULES if room(path) == "conform"]
     assert SUITES_OF_ARMS
     strange = [
@@ -330,12 +333,12 @@ def test_a_suite_never_imports_what_it_checks():
 
 
 def runs_a_driver(path):
-    """Whether a module of a suite is the simulation of a driver."""
+    """Return whether a module of a suite is its simulation of a driver."""
     return path.name == "simulated.py" and path.parent.name.endswith("_driver")
 
 
 def strange_imports(path):
-    """Yield the forbidden imports of a module, in words."""
+    """Yield the forbidden imports of a module as text."""
     folder = str(path.relative_to(PACKAGE).parent)
     for name in imported(path):
         if any(fnmatch.fnmatchcase(name, each) for each in EXCEPTIONS.get(folder, ())):
@@ -351,7 +354,7 @@ def test_the_package_imports_nothing_that_stands_on_it():
 
 
 def outside(path):
-    """Return the packages that build on this one and that a module imports."""
+    """Return the packages in BESIDE that a module imports."""
     return {name.split(".")[0] for name in imported(path)} & BESIDE
 
 
@@ -395,7 +398,7 @@ def test_a_plug_in_is_reached_by_its_entry_points_alone(folder):
 
 
 def test_only_what_is_for_dissection_needs_it():
-    """Everything else of these plug-ins is imported where cardan-dissect is not installed."""
+    """All other modules of these plug-ins can be imported without cardan-dissect."""
     packages = {each.partition(".")[0] for each in KNOW_DISSECTION}
     names = {
         module_name(path)
@@ -414,7 +417,8 @@ def test_only_what_is_for_dissection_needs_it():
 
 
 def test_a_second_description_knows_no_codec():
-    """The layers are written from the protocols' descriptions, and captures shown by the codecs."""
+    """Layers are written from protocol descriptions, independent of the codecs; tools that show
+    captures use the codecs."""
     package = SOURCE_TREE / "plugins/cardan-dissect/cardan_dissect"
     codecs = {
         str(path.relative_to(package).parent)
@@ -450,7 +454,7 @@ def test_the_libraries_of_an_arms_model_are_imported_in_one_place():
 
 
 def said_without_an_arms_model(paths):
-    """By the name of each module that cannot be imported without the extra: what is said."""
+    """Return the error of each module that cannot be imported without the extra, by name."""
     names = [module_name(path) for path in paths if path.stem != "__main__"]
     done = subprocess.run(
         [sys.executable, "-c", IMPORT_WITHOUT.format(without=sorted(ARM_LIBRARIES), names=names)],
@@ -483,7 +487,7 @@ def test_a_command_begins_without_what_only_some_need():
 
 
 def assert_no_circles(sources):
-    """No module of `sources` imports itself by way of others."""
+    """Assert that no module of `sources` imports itself through others."""
     paths = {module_name(path): path for path in sources}
     graph = {module: imported_modules(path, set(paths)) for module, path in paths.items()}
     try:
@@ -520,7 +524,7 @@ LISTED = ast.ListComp, ast.SetComp, ast.DictComp
 
 
 def inner_asynchronous(source):
-    """Lines of comprehensions that wait, inside of others."""
+    """Return the lines of asynchronous comprehensions inside of others."""
     for outer in ast.walk(ast.parse(source)):
         if isinstance(outer, (*LISTED, ast.GeneratorExp)):
             for inner in ast.walk(outer):
@@ -531,7 +535,7 @@ def inner_asynchronous(source):
 
 
 def test_python_3_10_compiles_comprehensions_that_wait():
-    """Newer ones allow them inside of others, and neither ruff nor mypy says that 3.10 does not."""
+    """Newer versions allow them, and neither ruff nor mypy reports that 3.10 does not."""
     assert [*inner_asynchronous("async def f(a): [[await b for b in c] for c in a]")] == [1]
     assert [*inner_asynchronous("async def f(a): [[b async for b in c] for c in a]")] == [1]
     assert [*inner_asynchronous("async def f(a): [[b for b in c] for c in await a]")] == []
@@ -571,7 +575,7 @@ def test_no_part_of_the_tree_has_names_of_its_own():
 
 
 def identifiers(text):
-    """Yield all names in a module's source, which keywords are, too."""
+    """Yield all names in a module's source, including keywords."""
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.NAME:
             yield token.string
@@ -595,7 +599,7 @@ SENTENCES = {
     "likewise: no sentence begins with Who": r"(?:\"\"\"|\. |# )Who (?!may\b)[a-z]+ ",
     "reports, gets, learns": r"\b(?:is|are|was|were|be|been) told of\b",
 }
-"""Patterns of phrases to avoid, by the wording to use instead."""
+"""Patterns of phrases to avoid, by the replacement."""
 
 
 @pytest.mark.parametrize("instead", SENTENCES)
@@ -628,7 +632,7 @@ def test_sentences_with_a_pronoun_for_a_subject_are_found(text, found):
 
 
 def test_the_subject_of_a_sentence_is_a_thing_of_the_field():
-    """In docstrings and comments; tests/test_troubles.py has the messages."""
+    """Covers docstrings and comments; tests/test_troubles.py covers messages."""
     found = [
         f"{path.relative_to(SOURCE_TREE)}:{line}: {each}"
         for path, text in own_sources()
@@ -649,7 +653,7 @@ def test_a_docstring_begins_with_an_imperative_or_a_noun():
         for path, text in own_sources()
         if path.relative_to(SOURCE_TREE).parts[0] in ("cardan", "plugins")
         and "tests" not in path.parts
-        and path.name != "requirements.py"  # Reports have their texts.
+        and path.name != "requirements.py"  # reports have separate texts
         if (said := begun_without_a_noun(text))
     }
     assert found == {}
@@ -683,9 +687,9 @@ HUMAN_HANDS = {
     "cardan_jr3/examples/jr3-ur5.toml cardan_jr3/examples/omni-jr3-simulated.toml",
     "plugins/cardan-wiimote": "cardan_wiimote/driver/tilt.py",
 }
-"""Files that say "the hand" of a person's or a robot's: it feels a force, or holds a device."""
+"""Files that say "the hand" of a person or a robot, which feels a force or holds a device."""
 PLUGINS_OF_HANDS = ("plugins/cardan-leap/", "plugins/cardan-omni/")
-"""Plug-ins of devices that track a hand, or push it; their peers have a model of it."""
+"""Plug-ins of devices that track or push a hand; their peers simulate one."""
 
 
 def says_the_hand(path):
@@ -695,7 +699,7 @@ def says_the_hand(path):
 
 
 def test_an_operator_device_is_not_called_a_hand():
-    """In strings of Cardan and its plug-ins, in messages, pages and examples."""
+    """Covers strings of Cardan and its plug-ins, messages, pages and examples."""
     meant = {f"{at}/{name}" for at, names in HUMAN_HANDS.items() for name in names.split()}
     patterns = (
         "cardan/**/*.py", "cardan/**/*.toml", "docs/**/*.md", "examples/**/*.toml",
@@ -720,19 +724,19 @@ BRITISH = (
     "litres?(?![a-z])", "manoeuvre", "metres?(?![a-z])", "modell(?:ed|ing)", "neighbour", "offence",
     "programme(?![dr])", "rigour", "signall(?:ed|ing)", "spelt", "travell(?:ed|ing|er)", "whilst",
 )  # fmt: skip
-"""Patterns of spellings, in small letters."""
+"""Patterns of British spellings, in lower case."""
 ISE = re.compile("is(?:e[ds]?|ing|ations?)(?![a-z])")
 WITH_S = (
     "adv", "advert", "compr", "comprom", "conc", "cru", "dev", "disgu", "enterpr", "exerc",
     "expert", "improv", "no", "pra", "prec", "prem", "prom", "ra", "rev", "r", "superv", "surpr",
     "w",
 )  # fmt: skip
-"""Stems after which -ise is right."""
+"""Stems that take -ise in American spelling."""
 NOT_OURS = (
     ".cancelled()", "CancelledError", "aria-labelledby", '"centre_m"', '"centre_rpy_deg"',
     '"device_centre_m"', "mapping.device_centre_m", r"\.centre_m", '"neighbours"',
 )  # fmt: skip
-"""Of asyncio, of HTML; and keys that are refused by their new names."""
+"""Names of asyncio and HTML, and keys whose error names their replacement."""
 WRITTEN = (
     "", ".c", ".cpp", ".css", ".h", ".html", ".md", ".mjs", ".py", ".sh", ".svg", ".toml", ".ts",
     ".urdf",
@@ -745,7 +749,7 @@ SPELLED = (
 
 
 def british(text):
-    """British spellings in a text, each with its line; of -ise the end alone."""
+    """Return British spellings in a text, each with its line; of -ise only the ending."""
     for name in NOT_OURS:
         text = text.replace(name, "")
     small = text.lower()
@@ -759,7 +763,7 @@ def british(text):
 
 @pytest.mark.parametrize("files", SPELLED)
 def test_the_spelling_is_american(files):
-    """Names of files, too. The changelog says what was, and has the old names."""
+    """Includes file names. The changelog is exempt, because it has former names."""
     text = "Fibres\nsynchronised by modelledMetres: noise, otherwise precise, is raised."
     assert british(text) == [(1, "fibre"), (2, "metres"), (2, "modelled"), (2, "ised")]
     found = []
@@ -775,7 +779,7 @@ def test_the_spelling_is_american(files):
 
 
 def raised(tree):
-    """Line and fixed words of each text that an exception is raised with."""
+    """Yield line and constant text of each raised exception's message."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
             for given in node.exc.args:
@@ -785,7 +789,7 @@ def raised(tree):
 
 
 def test_no_part_of_a_message_is_longer_than_120_characters():
-    """Cause, what happens and what to do stand between full stops, colons and semicolons."""
+    """Full stops, colons and semicolons separate cause, effect and remedy."""
     assert [*raised(ast.parse("raise ValueError(f'{a}: is {b}', 3)"))] == [(1, ": is "), (1, "")]
     strange = [
         f"{path.relative_to(SOURCE_TREE)}:{line}: {part}"
@@ -800,7 +804,7 @@ def test_no_part_of_a_message_is_longer_than_120_characters():
 
 @functools.cache
 def own_sources():
-    """Path and text of all Python of the repository but this module."""
+    """Yield path and text of all Python files of the repository except this one."""
     folders = ("bench", "cardan", "examples", "fuzz", "plugins", "studies", "tests")
     return [
         (path, path.read_text(encoding="utf-8"))
@@ -811,7 +815,7 @@ def own_sources():
 
 
 def rows_of(text):
-    """The cells of the first table of a page's `text`, without its head."""
+    """Return the cells of the first table in `text`, without its header."""
     body = text.split("|---|---|---|\n", 1)[1].split("\n\n", 1)[0]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in body.splitlines()]
 
@@ -821,7 +825,7 @@ def names_in(cell):
 
 
 def test_contributors_find_what_the_list_of_tasks_says():
-    """Each file is there, and in one of a row's files each name."""
+    """Each file exists, and each name occurs in one of its row's files."""
     listed = (SOURCE_TREE / "CONTRIBUTING.md").read_text("utf-8").split("## Where is what\n", 1)[1]
     missing = []
     for task, files, names in rows_of(listed):
@@ -851,14 +855,14 @@ def test_a_public_class_has_a_name_of_its_own():
 
 
 def inheritance(kind):
-    """The longest chain of classes of this source tree from `kind` to one that has no base here."""
+    """Return the longest chain of classes of this source tree from `kind` to a root."""
     bases = (base for base in kind.__bases__ if base.__module__.partition(".")[0] in OF_THE_TREE)
     return [kind.__name__, *max(map(inheritance, bases), key=len, default=[])]
 
 
 @pytest.mark.parametrize("driver", [pytest.param(kind, id=name) for name, kind in DRIVERS.items()])
 def test_a_driver_stands_on_three_bases_at_most(driver):
-    """One above the other: who reads `open()` of a device goes through no more of them."""
+    """Readers of a device's `open()` need to read at most these classes."""
     special = [kind for kind in driver.__subclasses__() if kind.__module__ == driver.__module__]
     chains = [inheritance(kind) for kind in (driver, *special)]
     assert [" -> ".join(chain) for chain in chains if len(chain) > 4] == []

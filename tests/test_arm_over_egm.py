@@ -19,7 +19,7 @@ from tests.fault_benches import EgmBench, EgmJointBench
 from tests.test_lost_time import SPEED_M_S, moving
 
 INTO_THE_SINGULARITY = PUSH.replace("-0.5", "0.9")
-"""Forward for ever: the wrist straightens 27 cm ahead, and then the arm is at its end."""
+"""Forward without end: the wrist straightens 27 cm ahead, where the arm's reach ends."""
 
 
 def chain(mode, hand=PUSH, **more):
@@ -47,7 +47,7 @@ def test_the_hand_drives_the_robot(mode):
 
 
 def test_the_end_of_reach_is_held_without_a_fault_and_left_again():
-    """By its joints; a controller that is sent poses stops at its own singularities."""
+    """With joint commands; a controller that gets poses stops at its own singularities."""
     hand = INTO_THE_SINGULARITY + "9.0 axes -0.9 0 0 0 0 0 over 0.1\n"
     run = chain("joint", hand).run(9.0)
     status = run.core.status()
@@ -64,7 +64,7 @@ def test_the_end_of_reach_is_held_without_a_fault_and_left_again():
 @pytest.mark.parametrize("mode", ["joint", "pose"])
 def test_a_silent_controller_needs_rearming(mode):
     run = chain(mode, robot_faults={"drop": 0.2}).run(4.0)
-    assert run.core.phase is Phase.MOVING  # one datagram in five lost each way is no fault
+    assert run.core.phase is Phase.MOVING  # 20 % loss in each direction is tolerated
     run.session_alive = False
     run.run(1.0)
     here = run.samples[-1].position
@@ -75,7 +75,7 @@ def test_a_silent_controller_needs_rearming(mode):
 
 
 def test_every_verb_with_default_options():
-    """A robot that is sent joints by a program, in the controller's cycles."""
+    """A program commands joints, in the controller's cycles."""
     controller = EgmController(EgmControllerOptions())
     robot = AbbEgm(AbbEgmOptions(robot="gofa_crb15000_5"))
     session = EgmSession(robot.options, 0.0)
@@ -125,7 +125,7 @@ def test_every_verb_with_default_options():
 @pytest.mark.parametrize("stall_s", [0.11, 0.12, 0.129, 0.132, 0.15, 0.19])
 @pytest.mark.parametrize("kind", [EgmBench, EgmJointBench], ids=lambda kind: kind.name)
 def test_a_process_that_stood_still_has_an_arm_go_no_faster(kind, stall_s):
-    """Datagrams that waited come at once: the agreed time is less than passed at the robot."""
+    """Queued datagrams arrive at once, so that the agreed time advances less than the robot's."""
     with kind() as bench:
         moving(bench)
         since_s = bench.now_s

@@ -1,4 +1,5 @@
-"""A GP8 steered by hand over MotoROS: the examples' sessions, wire and all, in virtual time."""
+"""Teleoperation of a GP8 over MotoROS: sessions of the examples, including the wire, in virtual
+time."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ BOTH = pytest.mark.parametrize(
 
 
 class Hand:
-    """A hand on the puck: deflections by time since the dead-man was pressed."""
+    """Device motion: deflections by time since the press of the dead-man."""
 
     def __init__(self, example, velocity_mode, axes, plant="ideal", **options):
         config = load_config(EXAMPLES / example)
@@ -105,7 +106,7 @@ def test_letting_go_stops_in_a_ramp_and_holds(example, velocity_mode):
     path = np.array([hand.forward(q) for q in hand.joints[:: max(1, len(hand.joints) // 200)]])
     assert hand.core.phase is Phase.HOLDING
     assert np.linalg.norm(path[-1] - path[-10]) < 1e-4
-    # 75 mm/s for a second, and no way back at the end.
+    # 75 mm/s for a second, without a return motion at the end.
     assert path[:, 0].min() == pytest.approx(path[-1, 0], abs=5e-4)
 
 
@@ -120,7 +121,7 @@ def test_nothing_of_the_arm_comes_into_the_forbidden_zone(example, velocity_mode
         mode="velocity" if velocity_mode else "stream",
     )
     hand.run(4.0)
-    # The servo's own model, at the joints that the arm had.
+    # The servo's own model, at the arm's joint positions.
     distances = [min(hand.follower.servo.collision.at(np.array(q))) for q in hand.joints[::5]]
     assert 0.015 < min(distances) < 0.04
     assert hand.core.phase is not Phase.NO_ROBOT
@@ -139,7 +140,7 @@ def test_through_the_wrist_singularity_inside_joint_limits(example, velocity_mod
     period_s = hand.bench.session.capabilities.period_s
     rates = np.abs(np.diff(joints, axis=0)).max(axis=0) / period_s
     arm = load_arm("gp8")
-    # Joint 5 starts at -70 deg and is turned through zero or past it: nothing runs away.
+    # Joint 5 starts at -70 deg and is rotated through zero or past it: no joint runs away.
     assert np.ptp(joints[:, 4]) > 0.5
     assert (rates <= 0.3 * np.array(arm.velocity) * 1.05 + 1e-3).all()
     lower, upper = np.array(arm.lower), np.array(arm.upper)
@@ -178,7 +179,7 @@ def test_a_lagging_arm_is_not_taken_for_one_that_is_held():
     hand.run(3.0)
     assert hand.core.status().trips == 0
     path = np.array([hand.forward(q)[0] for q in hand.joints])
-    # 150 mm/s: it arrives 40 mm after the hand has let go, and is not called back.
+    # 150 mm/s: the arm arrives 40 mm after the release, and does not return.
     assert path[-1] - path[0] == pytest.approx(-0.2, abs=0.03)
     assert path.min() == pytest.approx(path[-1], abs=5e-4)
 
@@ -210,7 +211,7 @@ def test_what_a_speed_limit_took_is_not_made_up_for_when_the_hand_has_let_go(
 
 @BOTH
 def test_short_pauses_of_this_computer_leave_no_distance(example, velocity_mode):
-    """Each below every watchdog; what came of them showed when the hand let go."""
+    """Each pause is shorter than every watchdog; a remaining offset would show at the release."""
     hand = Hand(
         example,
         velocity_mode,
@@ -228,7 +229,7 @@ def test_short_pauses_of_this_computer_leave_no_distance(example, velocity_mode)
 
 
 def pause(bench, seconds):
-    """This computer stands still; the controller does not."""
+    """Stop this computer; the controller continues."""
     end_s = bench.now_s + seconds
     while bench.now_s < end_s:
         bench.now_s += 1e-3
@@ -240,7 +241,7 @@ def test_an_arm_that_somebody_holds_is_noticed_and_not_pulled_at():
     hand.bench.ready()
     held = hand.bench.controller.measured_rad(0)
     feedback = hand.bench.controller.feedback
-    # The command goes on, the joints do not.
+    # Commands continue, but the joints do not move.
     hand.bench.controller.feedback = lambda group: feedback(group)._replace(
         pos=(*held, 0.0, 0.0, 0.0, 0.0)
     )
@@ -250,9 +251,9 @@ def test_an_arm_that_somebody_holds_is_noticed_and_not_pulled_at():
     assert any("something else holds it" in words for words in hand.said)
     max_lead_m = hand.core.reference.limits.max_lead_m
     lag_s = hand.bench.session.capabilities.lag_s
-    # Never farther than the maximum lead, what it may lag in good order and a braking way.
+    # At most the maximum lead, the normal lag and a braking distance.
     assert hand.farthest_m <= max_lead_m + 0.15 * lag_s + 0.02
-    # Joints that are measured as standing hide how far they are driven; it ends all the same.
+    # If measured joints stand still, their real command is hidden; motion ends nevertheless.
     commanded = hand.forward(hand.bench.controller.command_rad(0))
     assert np.linalg.norm(commanded - hand.forward(held)) <= 2.0 * (max_lead_m + 0.15 * lag_s)
     assert not any(hand.bench.controller.velocity_rad_s(0))

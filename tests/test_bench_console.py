@@ -1,4 +1,4 @@
-"""The console's benchmark and hold table: their places in the docs, and the tables' contents."""
+"""The console's benchmark and hold table: contents, and places in the docs."""
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""How far a robot runs on when its session is killed: its controller's own time limit ends it."""
+"""Run-on distance of a robot whose session is killed: its controller's own time limit ends
+motion."""
 
 import pytest
 
@@ -12,7 +13,7 @@ SPEED_M_S = SPEEDS_M_S[0]
 @pytest.mark.parametrize(
     ("name", "distance_m", "time_s"),
     [
-        # EGM's CommTimeout of 0.2 s, and its ramp of 0.5 s; a watchdog of 0.1 s.
+        # CommTimeout of EGM, 0.2 s, with its ramp of 0.5 s; a watchdog of 0.1 s.
         ("GoFa, EGM pose", 0.2 * SPEED_M_S + 0.5 * SPEED_M_S / 2.0, 0.8),
         ("GP8, MotoROS velocity", 0.1 * SPEED_M_S + 0.005, 0.3),
     ],

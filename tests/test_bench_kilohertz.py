@@ -1,4 +1,4 @@
-"""The benchmark of a session at 1 kHz: its programs, and its place in the docs."""
+"""Benchmark of a session at 1 kHz: its programs, and its place in the docs."""
 
 import signal
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The link between two computers, of a bench, in virtual time."""
+"""Simulated link between two computers of a benchmark, in virtual time."""
 
 import random
 
@@ -11,7 +11,7 @@ FRAME = b"f" * 1000
 
 
 def carried(conditions, sent_s=SENT_S):
-    """When each frame arrived, by what it said; and the counts."""
+    """Return the arrival time of each frame by its content, and the counts."""
     way, came = Way(conditions, random.Random(1)), []
     for number, at_s in enumerate((*sent_s, 1e6)):
         while way.next_s <= at_s:
@@ -61,7 +61,7 @@ def test_a_cut_loses_what_is_on_its_way_and_what_is_sent_until_it_ends():
 
 
 def transits(way, since_s, until_s):
-    """Transit times of the frames that were sent between, s; None: not arrived."""
+    """Return the transit times of the frames sent in that interval, s; None: not arrived."""
     return [
         each.came_s and pytest.approx(each.came_s - each.sent_s)
         for each in way.carried(since_s, until_s)
@@ -69,7 +69,7 @@ def transits(way, since_s, until_s):
 
 
 def carry(way, *sent_s):
-    """Send a frame at each of these times; each is given on at its own time of arrival."""
+    """Send a frame at each of these times, and forward each at its arrival time."""
     for at_s in (*sent_s, 1e6):
         while way.next_s <= at_s:
             way.arrived(way.next_s)
@@ -81,7 +81,7 @@ def test_a_way_tells_what_it_took_for_each_frame_since_an_act():
     stalls = Conditions(0.1, stall_s=0.5, stall_every_s=10.0)
     way = Way(stalls, random.Random(1))
     carry(way, 109.7, 109.95, 110.2, 110.45)
-    # Both that come while the link stands still wait for its end.
+    # Both frames that arrive during the stall wait for its end.
     assert transits(way, 109.7, 111.0) == [0.1, 0.55, 0.3, 0.1]
     assert transits(way, 109.8, 110.2) == [0.55, 0.3]
     assert transits(way, 111.0, 112.0) == []

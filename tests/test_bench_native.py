@@ -1,5 +1,7 @@
-"""Programs in C that the servo is compared with: they build, and do the same as ours. Peers in C++
-take minutes to build: the benchmark itself holds them to the goal that they follow."""
+"""C programs that serve as the servo's benchmark: they build, and compute the same as Cardan.
+
+Peers in C++ take minutes to build: the benchmark itself checks that they follow the goal.
+"""
 
 import ctypes
 import shutil
@@ -30,7 +32,7 @@ def build(tmp_path, monkeypatch):
 
 
 def followed(step, arm, ticks=200):
-    """Follow the goal of the benchmark; the goal at the end."""
+    """Follow the benchmark's goal; return the last goal."""
     start = arm.forward(np.array(arm.arm.home))
     for tick in range(ticks):
         goal = _goal(start, tick * DT_S)
@@ -79,7 +81,7 @@ def test_what_is_missing_is_said(build, monkeypatch, capsys):
 
 @pytest.mark.parametrize("structure", [arm.PeerArm, arm.PeerShape, arm.PeerPair])
 def test_the_structures_are_those_of_the_header(build, tmp_path, structure):
-    """Offsets of the fields, as the compiler has them."""
+    """Offsets of the fields are those of the compiler."""
     name = structure.__name__
     fields = [field for field, *_ in structure._fields_]
     source = tmp_path / "offsets.c"

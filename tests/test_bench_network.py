@@ -1,4 +1,4 @@
-"""The network's benchmark: its place in the docs, and its tables of the measurements."""
+"""Network benchmark: its place in the docs, and its tables of the measurements."""
 
 import pytest
 
@@ -54,7 +54,7 @@ def test_what_obeys_in_which_datagram_is_counted():
 
 
 class Still(Robot):
-    """A robot whose session answers with one joint position after the other."""
+    """Robot whose session answers with a sequence of joint positions."""
 
     def __init__(self, *joints):
         self._joints = list(joints)

@@ -1,4 +1,4 @@
-"""Numbers get into the pages between their markers, whole or not at all."""
+"""Numbers are inserted into pages between their markers, completely or not at all."""
 
 from __future__ import annotations
 

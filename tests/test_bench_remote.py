@@ -1,4 +1,4 @@
-"""The benchmark of a device at another computer: its aims, and its place in the docs."""
+"""Benchmark of a device at another computer: its goals, and its place in the docs."""
 
 from pathlib import Path
 
@@ -50,7 +50,7 @@ def test_the_page_has_a_place_for_both_tables():
 
 
 class Network:
-    """Frames by the time since the act when they left, and when they arrived."""
+    """Frames by the time since the act when they were sent, and when they arrived."""
 
     def __init__(self, *frames):
         self.frames = [Carried(sent_s, 66, came_s) for sent_s, came_s in frames]
@@ -64,7 +64,7 @@ class Network:
     ("frames", "took_s"),
     [
         ([(0.9, 1.0), (1.001, 1.031), (1.002, 1.132)], 0.03),
-        # Time for sending anew is the protocol's cost.
+        # Time for retransmission is the protocol's cost.
         ([(1.001, None), (1.2, 1.3)], 0.1),
         ([], 0.1),
     ],

@@ -1,4 +1,4 @@
-"""Python calls of a session's tick: what a reader steps through, and most of what it costs."""
+"""Python calls of a session's tick: most of its cost, and the steps for a reader."""
 
 import pytest
 

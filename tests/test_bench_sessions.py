@@ -1,4 +1,4 @@
-"""The benchmark of many sessions: the simulated robots, the search, and its place in the docs."""
+"""Benchmark of many sessions: simulated robots, search for the limit, and place in the docs."""
 
 import contextlib
 import socket
@@ -27,7 +27,7 @@ def row(count, missed=0, cost=0.1):
 
 
 def searched(largest, turns=99):
-    """The numbers that are measured where more than `largest` are too many."""
+    """Return the numbers of sessions measured by the search if more than `largest` are too many."""
     measured = []
 
     def measure(count):
@@ -99,7 +99,8 @@ def test_the_template_is_a_robot_at_its_home():
 
 
 def test_sessions_read_it_the_short_way():
-    # As sent by a controller: joints, pose and clock. Without one of them, all goes the long way.
+    # Like a controller's message: joints, pose and clock. Without one of them the full decoder
+    # runs.
     reader = FeedbackReader()
     data, (*_, clock, _) = template()
     first = reader.read(data)
@@ -148,7 +149,7 @@ def test_robots_are_played_and_their_answers_counted():
                 reports.append(decode_input(mouse.recv(64)))
     assert begun == [True]
     assert played.sent + played.skipped == pytest.approx(500, abs=2)
-    # The mute one has no answers; the other moved with three of four.
+    # The silent one gives no answers; three of four answers of the other one move.
     assert played.worst == pytest.approx(250, abs=played.skipped + 2)
     answered = played.sent - played.missed
     assert answered > 0

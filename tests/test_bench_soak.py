@@ -1,4 +1,4 @@
-"""The soak: each of its rules is broken once here, in virtual time, and a short run is made."""
+"""Soak test: each of its rules is broken once in virtual time, and a short run is made."""
 
 import json
 import math
@@ -41,7 +41,7 @@ FAST = 0.1
 
 
 class Bench:
-    """An arm that is judged; every step of time it is measured and tells of itself."""
+    """Simulated arm under the rules; each step measures and reports."""
 
     def __init__(self):
         self.broken = []
@@ -118,7 +118,7 @@ def test_two_who_ask_are_both_waited_for(bench):
 def test_a_motion_without_authority_breaks_a_rule(bench):
     bench.arm.asks("device", bench.now_s)
     bench.lasts(REPORT_S - 0.2, FAST)
-    assert bench.rules == []  # The session's reports may be late.
+    assert bench.rules == []  # late reports of the session are allowed
     bench.lasts(REPORT_S, FAST)
     assert bench.rules == ["moves without authority"]
 
@@ -256,7 +256,7 @@ def test_a_server_has_to_serve():
 
 
 def grown(**by):
-    """Samples over an hour, with figures that grow evenly by so much from 100."""
+    """Return samples over an hour, with figures that grow linearly by this amount from 100."""
     return [
         (10.0 * n, {name: 100.0 + more * n / 360 for name, more in by.items()}) for n in range(361)
     ]
@@ -421,7 +421,7 @@ def test_the_page_gets_the_reports_tables(reported, tmp_path):
     assert markdown(table, page.violations_of(reported)).splitlines()[2] in text
 
 
-# -- the whole of it ------------------------------------------------------------------------------
+# -- complete runs --------------------------------------------------------------------------------
 
 
 def test_a_short_run_ends_in_good_order_when_it_is_interrupted(tmp_path_factory):

@@ -1,4 +1,4 @@
-"""The benchmark of the UR driver: everybody answers, and a session takes longer than an echo."""
+"""Benchmark of the UR driver: all participants answer, and a session takes longer than an echo."""
 
 import pytest
 

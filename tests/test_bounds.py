@@ -1,4 +1,4 @@
-"""No number of a configuration is unbounded: drivers, filters and tables, by reflection."""
+"""Bounds of every number in a configuration: drivers, filters and tables, by reflection."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.docs_tables import ours
 from tests.ranges import spoilt
 
 HUGE = 10**400
-"""Too large even for a double."""
+"""Too large even for a double-precision number."""
 BAD = [1e300, -1e300, math.inf, -math.inf, math.nan, HUGE, -HUGE]
 
 DRIVERS = ours(registry)
@@ -28,7 +28,7 @@ FILTERS = ours(filter_registry)
 
 
 def tables(hint: Any) -> set[type[Any]]:
-    """The tables in an annotation, and those inside of them."""
+    """Yield the tables in an annotation, and their nested tables."""
     table = isinstance(hint, type) and dataclasses.is_dataclass(hint)
     inner = hints(hint).values() if table else get_args(hint)
     return {each for within in inner for each in tables(within)} | ({hint} if table else set())
@@ -58,7 +58,7 @@ REQUIRED = {
 
 
 def numeric(kind: type[Any]) -> dict[str, Any]:
-    """The annotations of the fields that hold numbers, by name."""
+    """Return the annotations of numeric fields, by name."""
     found = hints(kind)
     return {name: found[name] for name in keys_of(kind) if spoilt(found[name], 1.0)}
 

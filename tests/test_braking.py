@@ -22,7 +22,7 @@ def test_always_leaves_the_braking_distance(distance, acceleration, steps):
         speed = stopping_speed(distance, acceleration, dt_s)
         distance -= speed * dt_s
         assert distance >= speed * speed / (2 * acceleration) - EPSILON
-        # So that the following period can always keep to its own bound.
+        # The following period must be able to keep to its own bound.
         assert before is None or speed >= before - acceleration * dt_s - EPSILON
         before = speed
 

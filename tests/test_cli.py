@@ -1,4 +1,4 @@
-"""The command line as its users meet it: help, errors, exit codes, and the peers' contract."""
+"""Command line for its users: help, errors, exit codes, and the contract of simulated peers."""
 
 import os
 import re
@@ -20,7 +20,7 @@ ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
 
 
 def cardan(*arguments, code=0, **options):
-    """Run the command to its end; return its output."""
+    """Run the command until it exits; return its output."""
     done = subprocess.run(
         [sys.executable, "-m", "cardan", *map(str, arguments)],
         capture_output=True,
@@ -34,7 +34,7 @@ def cardan(*arguments, code=0, **options):
 
 
 class Peer:
-    """A peer that runs until the block is left; `endpoint` is what READY said."""
+    """Peer that runs until the block ends; `endpoint` is from its READY line."""
 
     def __init__(self, *arguments):
         self._process = subprocess.Popen(
@@ -202,10 +202,10 @@ def test_a_peer_that_is_interrupted_cleans_up(tmp_path):
 
 
 def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, free_udp_port):
-    """Shown by the issue: ``cardan run`` answers a controller that starts, stops and restarts."""
+    """``cardan run`` serves a controller that starts, stops and restarts."""
     program = tmp_path / "program.txt"
     program.write_text(
-        # The session listens by then, on a busy computer too.
+        # Enough time for the session to listen, even on a busy computer.
         "4.0 movej\n4.0 getid\n4.0 setup\n4.0 act window=1e-9 max-speed=180\n"
         "4.0 run cond-time=1e6 nowait\n5.0 stop\n6.0 restart\n7.5 controller-restart\n"
     )

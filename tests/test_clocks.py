@@ -1,4 +1,4 @@
-"""The clock of another computer, by its answers."""
+"""Estimate of another computer's clock from its answers."""
 
 import random
 
@@ -35,7 +35,7 @@ def test_a_clock_that_stood_still_is_another_one():
     clock = RemoteClock()
     for step in range(10):
         clock.heard(10.0 + step, 0.001 + step, 10.002 + step)
-    # The computer of the page slept for an hour, and its clock with it.
+    # The computer of the page slept for an hour, including its clock.
     clock.heard(3620.0, 10.001, 3620.002)
     assert clock.resets == 1
     assert clock.here_s(10.001) == pytest.approx(3620.001)

@@ -1,4 +1,4 @@
-"""Errors of commands: one line with exit code 2, and broken parts leave the rest usable."""
+"""Errors of commands: one line with exit code 2; broken parts leave the rest usable."""
 
 import dataclasses
 import sys
@@ -20,7 +20,7 @@ from tests.gateway.fakes import FakeDevice
 
 
 class Searching(FakeDevice):
-    """Its search fails."""
+    """Driver whose search fails."""
 
     @classmethod
     def find(cls):
@@ -28,54 +28,54 @@ class Searching(FakeDevice):
 
 
 class Failing(FakeDevice):
-    """Its constructor fails."""
+    """Driver whose constructor fails."""
 
     def __init__(self, options=None, **keywords):
         raise KeyError("boom")
 
 
 class Abstract(OperatorDevice):
-    """It implements nothing."""
+    """Driver without its abstract methods."""
 
     Options = FakeDevice.Options
 
 
 class Mute(FakeDevice):
-    """It does not say what it gives."""
+    """Driver without capabilities."""
 
     capabilities: ClassVar = None
 
 
 class Stateless(FakeDevice):
-    """Its state fails."""
+    """Driver whose state fails."""
 
     def state(self):
         return self.nothing
 
 
 class Silent(FakeDevice):
-    """It has no words about itself."""
+    """Driver without a diagnosis."""
 
     def diagnosis(self):
         return None
 
 
 class NoTable(FakeDevice):
-    """It has no options."""
+    """Driver without options."""
 
     Options = None
 
 
 class FailingFilter(TwistFilter):
-    """It implements nothing."""
+    """Filter without its abstract methods."""
 
     @dataclasses.dataclass(frozen=True)
     class Options:
-        """Nothing can be set."""
+        """Options without fields."""
 
 
 class NoPeerOptions(PeerCommand):
-    """A peer without options."""
+    """Peer without options."""
 
 
 PLUGINS = {
@@ -92,7 +92,7 @@ PLUGINS = {
 
 @pytest.fixture
 def plugins(monkeypatch):
-    """Drivers, a peer and a filter of other packages, each broken in its own way."""
+    """Register drivers, a peer and a filter of other packages, each broken in its own way."""
     points = [EntryPoint(name, target, "group") for name, target in PLUGINS.items()]
     shadow = EntryPoint("spacemouse", f"{__name__}:Mute", "group")
     peers = [
@@ -110,7 +110,7 @@ def plugins(monkeypatch):
 
 @pytest.fixture
 def cardan(monkeypatch, capsys):
-    """The command, in this process; gives its output."""
+    """Run the command in this process; return its output."""
 
     def run(*words, code=0):
         monkeypatch.setattr(sys, "argv", ["cardan", *map(str, words)])

@@ -21,7 +21,7 @@ ROWS = [
 
 
 SHELL_IS_NAMED = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-"""Otherwise it is the one that this process was started from."""
+"""Disables the detection of the shell that started this process."""
 
 
 class Context:
@@ -105,7 +105,7 @@ def test_without_a_daemon_there_is_nothing(tmp_path):
 
 
 def complete(*words, **environment):
-    """Return bash's completions after these words, the last of which is being typed."""
+    """Return bash's completions after these words, the last of which is incomplete."""
     done = subprocess.run(
         [sys.executable, "-m", "cardan"],
         env={
@@ -158,7 +158,7 @@ def test_the_shell_is_reported(words, found):
     ],
 )
 def test_other_shells_get_each_help_whole_and_on_a_line(shell, words, found):
-    """A line that went on would be one more word to choose."""
+    """The shell would take a second line for another choice."""
     variables = {
         "_CARDAN_COMPLETE": f"complete_{shell}",
         "_TYPER_COMPLETE_ARGS": f"cardan {words}",

@@ -16,7 +16,7 @@ from cardan.errors import ConfigurationError
 
 
 def run(*words):
-    """The command in this process: its exit code."""
+    """Run the command in this process; return its exit code."""
     try:
         return app(["conform", *words], standalone_mode=False) or 0
     except SystemExit as reported:

@@ -1,5 +1,5 @@
-"""In CI a test whose judge is missing fails; elsewhere, and for other reasons, it is skipped. Tests
-meet the same signals wherever they are started."""
+"""A test without its judge fails in CI, and is skipped elsewhere and for other reasons. Tests get
+the same signals wherever they are started."""
 
 import os
 import re
@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-# By its path: plug-ins' tests have a conftest, too.
+# By path, because plug-ins' tests have a conftest, too.
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
 conftest = SimpleNamespace(**runpy.run_path(str(CONFTEST)))
 
@@ -90,7 +90,7 @@ OTHERWISE = {
 
 
 def outcomes(folder, *more, **environment):
-    """By test: what became of it, and the words; of a run with `environment`."""
+    """Run with `environment`; return each test's outcome and reason."""
     shutil.copy(CONFTEST, folder)
     (folder / "pytest.ini").write_text("[pytest]\nmarkers = judged\n")
     (folder / "test_tiny.py").write_text(TESTS)
@@ -248,7 +248,7 @@ UNMARKED = "import time\ndef test_computes(): ...\n"
 
 
 def collected(folder, *options):
-    """Return the tests that pytest would run of a folder's files, and its whole output."""
+    """Return the tests that pytest would run from a folder's files, and its whole output."""
     shutil.copy(CONFTEST, folder)
     (folder / "pytest.ini").write_text("[pytest]\ntestpaths=.\nmarkers =\n    real\n    matrix\n")
     words = ("--collect-only", "-q", "-p", "no:cacheprovider", *options)

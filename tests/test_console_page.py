@@ -1,5 +1,7 @@
-"""The console's page that is built belongs to the sources beside it, is small, and says whose work
-is in it. tools/console builds it where npm is found, and says what to do where none is."""
+"""Built page of the console: it matches its sources, is small, and names third-party licenses.
+
+tools/console builds it if npm is found, and otherwise says what to install.
+"""
 
 import json
 import os
@@ -15,13 +17,13 @@ from cardan.gateway.servers.console.site import FOLDER, Site
 
 ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 250_000
-"""Most bytes that a browser gets at its first visit, as gzip."""
+"""Limit on a browser's download at its first visit, as gzip."""
 
 LIBRARIES = {"three", "uplot", "urdf-loader"}
 
 
 def tools_console(*words, checkout=ROOT, **environment):
-    """Exit code of tools/console in a checkout, and its output."""
+    """Return exit code and output of tools/console in a checkout."""
     done = subprocess.run(
         [sys.executable, checkout / "tools/console", *words],
         capture_output=True,
@@ -34,7 +36,7 @@ def tools_console(*words, checkout=ROOT, **environment):
 
 @pytest.fixture
 def checkout(tmp_path):
-    """A checkout with the page as it is here, and nothing fetched."""
+    """Copy the page's sources and build into a checkout without downloads."""
     shutil.copytree(
         ROOT / "console", tmp_path / "console", ignore=shutil.ignore_patterns("node_modules")
     )
@@ -46,7 +48,7 @@ def checkout(tmp_path):
 
 @pytest.fixture
 def no_npm(tmp_path):
-    """A PATH without npm."""
+    """Return a PATH without npm."""
     folder = tmp_path / "bin"
     folder.mkdir()
     return str(folder)
@@ -133,7 +135,7 @@ def test_a_page_of_these_sources_needs_no_npm_and_another_one_says_what_brings_i
     assert tools_console(checkout=checkout, PATH=no_npm) == (0, "")
     assert not (checkout / "console/node_modules").exists()
     (checkout / "console/src/another.ts").touch()
-    # Without the packages of this environment, in which a wheel of Node may be.
+    # Without this environment's packages, which may contain a wheel of Node.
     done = subprocess.run(
         [sys.executable, "-S", checkout / "tools/console"],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""Every example against a simulated device runs, by the commands that stand in its head."""
+"""Every example with a simulated device runs, by the commands in its head."""
 
 import contextlib
 import re
@@ -17,21 +17,21 @@ from cardan.gateway.session.supervisor import supervise
 from cardan.sim_peers import registry as peers
 from cardan.sim_peers.device_peer import DevicePeerOptions
 
-# No watchdog may trip: on a computer with four at a time a device was late once.
+# On a computer with four such tests at a time, a device was late once: no watchdog may trip.
 pytestmark = pytest.mark.matrix
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LONGEST_S = 25.0
-"""Until every short script has armed and moved, on a busy machine, too."""
+"""Time limit until every short script has armed and moved, even on a busy computer."""
 
 MOVED_M = 1e-3
-"""Length of the path from which the arm has moved."""
+"""Path length that counts as motion."""
 
 GOES_ON_S = 1.5
-"""How long a session goes on then: as long as the first strokes of every short script."""
+"""Duration of a session after that: as long as the first strokes of every short script."""
 
 PRESSED_N = 0.4
-"""Least force felt of a hand that presses against something; for plugins/."""
+"""Least feedback force while a device presses against an obstacle; used by tests of plugins/."""
 
 SCRIPTS = {
     "gamepad-ur5-simulated.toml": "short",
@@ -39,7 +39,7 @@ SCRIPTS = {
     "spacemouse-ur5-simulated.toml": "strokes",
     "spnav-ur5-simulated.toml": "strokes",
 }
-"""Scripts that show more in a short time than ``demo`` does, by the examples of their devices."""
+"""Scripts that show more in a short time than ``demo``, by example."""
 
 TESTED_ELSEWHERE = {
     "console-gofa-simulated.toml",
@@ -55,13 +55,13 @@ DEVICES = {
     for path in sorted(EXAMPLES.glob("*-simulated.toml"))
     if path.name not in TESTED_ELSEWHERE
 }
-"""All others, and the script whose hand moves each device."""
+"""All other examples, with the script of each device."""
 
 LIGHTS = {
     "spacemouse-ur5-simulated.toml": ("LED on", "LED off"),
     "spnav-ur5-simulated.toml": ("LED on", "LED off"),
 }
-"""Output of the simulated device when its light goes on, and when it goes out."""
+"""Messages of the simulated device when its light goes on, and when it goes out."""
 
 STROKES = """
 0.1  axes 0 0 0.2 0 0 0 over 0.05
@@ -71,22 +71,22 @@ STROKES = """
 1.3  release first
 1.6  loop
 """
-"""For devices whose scripts may be under way when the session starts."""
+"""Script for devices whose scripts may have begun before the session starts."""
 
 
 def commands(text):
-    """The commands in a file's head before the one that runs the session."""
+    """Return the commands in a file's head before the one that runs the session."""
     found = re.findall(r"^#   cardan (.*)$", text, re.MULTILINE)
     return found[: next(at for at, words in enumerate(found) if "run examples/" in words)]
 
 
 def port_of_its_own(text):
-    """`text` with a free port instead of EGM's usual one."""
+    """Return `text` with a free port in place of EGM's usual one."""
     return text.replace("6510", str(free_ports()))
 
 
 def supervised(name, shown, **more):
-    """The outcome of an example's session, which ends a while after it has shown what it should."""
+    """Run an example's session until a while after it has shown everything; return the outcome."""
     end_s = []
 
     def show(snapshot):
@@ -100,14 +100,14 @@ def supervised(name, shown, **more):
 
 
 def is_a_device(peer):
-    """Whether a hand moves the simulated peer of that name."""
+    """Return whether the simulated peer of that name is a device."""
     return issubclass(peers.load(peer).Options, DevicePeerOptions)
 
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    """Run an example with its simulated device: the outcome, once the device has said `words` at
-    last, in this order."""
+    """Run an example with its simulated device; return the outcome once the device has printed
+    `words` last, in this order."""
 
     def run(name, words=()):
         text = port_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
@@ -133,7 +133,7 @@ def run(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", DEVICES)
 def test_the_example_runs(run, name):
     lit, dark = LIGHTS.get(name, ("", ""))
-    # Dark while the session waits, lit while the hand is on the robot, dark in the end.
+    # The light is off while the session waits, on while the device moves the robot, off at the end.
     outcome = run(name, (dark, lit, dark) if lit else ())
     last = outcome.last
     assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message
@@ -142,7 +142,7 @@ def test_the_example_runs(run, name):
 
 @contextlib.contextmanager
 def served(words, said):
-    """A command that prints READY; what it says on standard error goes to the end of `said`."""
+    """Run a command that prints READY; its standard error is appended to `said`."""
     with said.open("a") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "cardan", *words, "--seconds", "40"],
@@ -160,7 +160,7 @@ def served(words, said):
 
 
 def wait_until_said(said, words):
-    """Wait until the last lines of the log `said` that are among `words` are `words`."""
+    """Wait until the last lines in the log `said` that are among `words` equal `words`."""
     give_up_s = time.monotonic() + 5.0
     while True:
         found = [line.rpartition(": ")[2] for line in said.read_text().splitlines()]

@@ -1,11 +1,10 @@
-"""Every device against every way to lose it, in virtual time: neutral in time, and no way back but
-by a neutral state.
+"""Every device with every kind of loss, in virtual time: it becomes neutral in time, and only a
+neutral state makes it live again.
 
-The hand deflects the device (holds the clutch); then its reports stop, arrive cut short or as
-noise, or it is unplugged. 100 ms after the last good report the state must be neutral (`within_s`
-says which need a little longer), and stay so when all is well again while the hand has not let go.
-The table of docs/devices.md is made of what
-this measures: ``make device-table``.
+The device is deflected (the clutch held); then its reports stop, arrive cut short or as noise, or
+it is unplugged. 100 ms after the last good report the state must be neutral (a few devices have a
+longer `within_s`). It must stay neutral after the fault as long as the device is still deflected.
+The table of docs/devices.md has these measurements: ``make device-table``.
 """
 
 import random
@@ -33,21 +32,21 @@ HALF = (0.5, 0.0, 0.0, 0.0, 0.0, 0.2)
 
 
 class Subject:
-    """A device in a hand. Subclasses say how it is held, and where its reports pass."""
+    """Device that is deflected. Subclasses define how, and where its reports can be intercepted."""
 
     name = ""
     step_s = STEP_S
     within_s = NEUTRAL_WITHIN_S
-    """From the last good report to the first look that finds it neutral."""
+    """Time limit from the last good report to the first neutral state."""
 
     def __init__(self):
         self.fault = ""
         self.good_s = 0.0
-        """When the last good report came."""
+        """Time of the last good report."""
         self._rng = random.Random(7)
 
     def passed(self, report, now_s):
-        """Return the report itself, a corrupted one, or None."""
+        """Return the report, a corrupted one, or None."""
         if not self.fault:
             self.good_s = now_s
             return report
@@ -77,7 +76,7 @@ class Subject:
 
     @property
     def acts(self):
-        """Whether the device would move a robot."""
+        """Return whether the device would move a robot."""
         state = self.state
         return any(state.axes) or state.pose is not None or bool(state.buttons)
 
@@ -92,7 +91,7 @@ class Subject:
 
 
 class Intercepted(Subject):
-    """Reports pass a method of the core."""
+    """Interception of reports at a method of the core."""
 
     method = "on_report"
 
@@ -127,7 +126,7 @@ class SpaceMouse(Intercepted):
         self.bench.run(0.3, REST)
 
     def garbled(self, report):
-        # USB has checksums; what gets through is no report that this device has.
+        # USB has checksums: only a report that this device does not have gets through.
         return b"\xee" + super().garbled(report)[1:]
 
     def replug(self):
@@ -135,7 +134,7 @@ class SpaceMouse(Intercepted):
 
 
 class SpnavBench:
-    """A daemon that repeats a deflection every 16 ms."""
+    """Daemon that repeats a deflection every 16 ms."""
 
     def __init__(self):
         self.core = SpnavCore(SpnavOptions())
@@ -156,7 +155,7 @@ class SpnavBench:
 
 
 class Spnav(Intercepted):
-    """The daemon passes on serial devices, too, and does not say so: as for these."""
+    """The daemon does not report which devices are serial: the time limits are theirs."""
 
     name = "spacenavd's socket"
     method = "on_bytes"
@@ -164,7 +163,7 @@ class Spnav(Intercepted):
     cut = False
 
     def shortened(self, report):
-        """A stream loses nothing in its middle: it ends, in a record."""
+        """A stream loses no bytes in its middle: it ends inside a record."""
         self.cut, was = True, self.cut
         return None if was else super().shortened(report)
 
@@ -207,7 +206,7 @@ class Gamepad(Subject):
         self.run(0.2)
 
     def run(self, seconds):
-        """Only changes are reported: a hand that is never quite still makes them."""
+        """Only changes are reported: a device that is never quite still causes them."""
         for _ in range(max(1, round(seconds / self.step_s))):
             self.turn += 1
             sticks = (0.01 * (self.turn % 3), 0.7, 0.0, 0.0, 0.0, 0.0) if self.holds else REST
@@ -232,7 +231,7 @@ class Keyboard(Gamepad):
 
     def deflect(self):
         self.bench.press("space", "a")
-        self.run(0.6)  # The kernel begins to repeat the key.
+        self.run(0.6)  # the kernel begins to repeat the key
 
     def run(self, seconds):
         self.bench.run(seconds)
@@ -261,7 +260,7 @@ class SpacenavNode(Subject):
 
 
 class JoyNode(SpacenavNode):
-    """20 messages a second: four of them make a silence."""
+    """20 messages per second: four missing ones count as silence."""
 
     name = "joy_node, Zenoh"
     node = "joy_node"
@@ -269,7 +268,7 @@ class JoyNode(SpacenavNode):
 
 
 class PhonePage(Subject):
-    """Sixty frames a second; the newest counts for 0.15 s after the page made it."""
+    """60 frames per second; the newest one counts for 0.15 s after its creation."""
 
     name = "phone, page"
     kind = "phone"
@@ -292,7 +291,7 @@ class PhonePage(Subject):
 
     def replug(self):
         super().replug()
-        # The page is another one, on which Align is pressed anew.
+        # A new page, on which Align is pressed again.
         self.bench.device.aligns_until_s = self.bench.device.next_due_s + 0.1
 
 
@@ -312,11 +311,11 @@ SUBJECTS = (
     XrPage,
 )
 UNSEEN = {("gamepad", "silence"), ("keyboard", "silence")}
-"""The kernel reports changes only, so that silence is a hand that holds still: docs/gamepad.md."""
+"""The kernel reports changes only, so that silence may mean a steady device: docs/gamepad.md."""
 
 
 def cases(subjects):
-    """Every subject with every fault, as parameters."""
+    """Return every subject with every fault, as parameters."""
     return [
         pytest.param(subject, fault, id=f"{subject.name}-{fault}")
         for subject in subjects
@@ -326,7 +325,7 @@ def cases(subjects):
 
 
 def time_to_neutral_s(subject, fault):
-    """From the last good report to the first neutral state."""
+    """Return the time from the last good report to the first neutral state."""
     subject.fault = fault
     if fault == "unplugged":
         subject.unplug()
@@ -350,7 +349,7 @@ def test_neutral_in_time_and_only_neutral_leads_back(kind, fault):
 
 
 def check_neutral_in_time_and_only_neutral_leads_back(kind, fault):
-    """For the devices of plugins/, too."""
+    """Check one subject with one fault; plugins/ use it for their devices, too."""
     subject = held(kind)
     assert time_to_neutral_s(subject, fault) <= subject.within_s + 1e-9
     for _ in range(100):
@@ -361,7 +360,7 @@ def check_neutral_in_time_and_only_neutral_leads_back(kind, fault):
     subject.fault = ""
     if fault == "unplugged":
         subject.replug()
-    for _ in range(200):  # All is well again, and the hand holds on.
+    for _ in range(200):  # All is well again, and the device is still deflected
         subject.run(0.01)
         state = subject.state
         assert not any(state.axes)
@@ -372,7 +371,7 @@ def check_neutral_in_time_and_only_neutral_leads_back(kind, fault):
 
 
 def table(subjects=SUBJECTS):
-    """Milliseconds from the last good report to neutral, as Markdown."""
+    """Return milliseconds from the last good report to neutral, in Markdown."""
     lines = ["| device | " + " | ".join(FAULTS) + " |", "|---" * (1 + len(FAULTS)) + "|"]
     for kind in subjects:
         cells = [

@@ -1,4 +1,4 @@
-"""Devices: each has its line, and the page has the times that the tests measure."""
+"""Table of devices: each has its row, and the page has the measured times."""
 
 from tests import docs_tables, site_tables, test_device_faults
 

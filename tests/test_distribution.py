@@ -1,5 +1,5 @@
-"""Released files (`make dist`), installed in clean environments outside the checkout: small without
-the extra for arm models, whole, and running."""
+"""Released files (`make dist`) in clean environments outside of the checkout: small without the
+extra for arm models, complete, and working."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.serving import free_udp_port
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(400)]
 
 LARGEST_BYTES = 60_000_000
-"""Most bytes of the package and all that it needs, without extras, bytecode included."""
+"""Limit on the package with its dependencies, without extras, including bytecode."""
 
 EVERY_DRIVER = """
 import importlib.util, sys
@@ -43,7 +43,7 @@ def occupied_bytes(folder: Path) -> int:
 
 
 class Installation:
-    """A clean environment with a released file in it."""
+    """Clean environment with a released file installed."""
 
     def __init__(self, folder: Path, released: Path) -> None:
         self.folder = folder
@@ -61,7 +61,7 @@ class Installation:
         return run(self._environment / "bin/cardan", *words, codes=codes, folder=self.folder)
 
     def demo(self) -> None:
-        """A demo of a session without an arm's model; a busy machine may miss cycles of it."""
+        """Run a demo whose session needs no arm model; a busy computer may miss cycles."""
         said = self.cardan("demo", "gofa", "--seconds", "5", codes=(0, 4))
         assert "all of it was followed" in said or "cycles were missed" in said, said
 
@@ -72,7 +72,7 @@ def light(tmp_path_factory: pytest.TempPathFactory, wheel: Path) -> Installation
 
 
 def test_one_wheel_serves_every_python(wheel: Path) -> None:
-    # An older name of the same glibc may stand before it.
+    # An older name of the same glibc may precede it.
     tags = r"py3-none-(?:manylinux\w+\.)?manylinux_2_\d+_\w+"
     assert re.fullmatch(rf"cardan-{re.escape(cardan.__version__)}-{tags}\.whl", wheel.name)
 

@@ -1,4 +1,5 @@
-"""The user's pages against the code: nothing missing, no wrong default, no dead link."""
+"""User documentation compared with the code: complete, with right defaults and without dead
+links."""
 
 from __future__ import annotations
 
@@ -74,7 +75,7 @@ PAGES = sorted(
 
 
 def kinds(hint: Any) -> list[type[Any]]:
-    """The tables behind an annotation: one, or those that a tag tells apart."""
+    """Return the tables behind an annotation: one, or the variants of a tagged union."""
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         return [hint]
     return [kind for each in get_args(hint) for kind in kinds(each)]
@@ -89,12 +90,12 @@ TABLES = {
 
 @functools.cache
 def text(name: str) -> str:
-    """A page, as seen from docs/, as the site has it, with all tables."""
+    """Return the text of a page, relative to docs/, with the site's tables."""
     return site_tables.read(page_path(name))
 
 
 def section(page: str, heading: str) -> str:
-    """Return the text under `heading`, its own sections included."""
+    """Return the text under `heading`, including its subsections."""
     found = re.search(rf"^(#+) {re.escape(heading)}\n", page, re.MULTILINE)
     assert found, f"there is no heading {heading!r}"
     rest = page[found.end() :]
@@ -103,7 +104,7 @@ def section(page: str, heading: str) -> str:
 
 
 def rows(markdown: str) -> dict[str, list[str]]:
-    """Table rows by the first code word of their first cell; the cells after it."""
+    """Return table rows by the first code word of their first cell, as lists of the other cells."""
     found = {}
     for line in markdown.splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
@@ -117,7 +118,7 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 def written(default: Any) -> str:
-    """A default as the tables write it."""
+    """Return a default in the tables' form."""
     if default is None:
         return "none"
     if isinstance(default, bool):
@@ -134,11 +135,11 @@ def written(default: Any) -> str:
 
 TAGS = {"force": "source", "fixtures": "shape"}
 SEVERAL_DEFAULTS = {"force": {"sense"}, "fixtures": {"point_m", "damping_n_s_m"}}
-"""Keys whose default is not the same of all sources or shapes: the pages name each."""
+"""Keys whose default depends on the source or shape: the pages name each."""
 
 
 def default_of(field: dataclasses.Field[Any]) -> str:
-    """The default of a key as the tables write it."""
+    """Return the default of a key in the tables' form."""
     if field.default_factory is not dataclasses.MISSING:
         return written(field.default_factory())
     if field.default is dataclasses.MISSING:
@@ -155,7 +156,8 @@ OPTIONS_OF = {driver.Options: name for name, driver in ours(registry).items()}
 
 
 def options_table(page, options):
-    """The rows of a page about the options of a driver, where several share it of that one."""
+    """Return the table of a driver's options; on a page that drivers share, with the driver's own
+    section."""
     reported = section(text(page), "Options")
     own = f"Options of `{OPTIONS_OF.get(options)}`"
     shared, *_ = re.split(r"^### Options of ", reported, flags=re.MULTILINE)
@@ -239,12 +241,13 @@ def test_every_choice_of_an_option_is_there(page, options):
 
 
 def literals(hint: Any) -> tuple[Any, ...]:
-    """The values of a Literal; none of other types."""
+    """Return the values of a Literal; empty for other types."""
     return get_args(hint) if get_origin(hint) is Literal else ()
 
 
 def said(bounds: Range) -> str:
-    """A range as the pages write it: what 0 means and the unit stand elsewhere in the row."""
+    """Return a range in the pages' form, without the unit and the meaning of 0, which are elsewhere
+    in the row."""
     return str(dataclasses.replace(bounds, zero="", unit=""))
 
 
@@ -332,12 +335,12 @@ def test_every_button_name_is_there():
 PEERS = [
     pytest.param(name, peer, id=name)
     for name, peer in ours(peers).items()
-    if name != "spacemouse-serial"  # It shares the section of the SpaceMouse.
+    if name != "spacemouse-serial"  # its section is that of the SpaceMouse
 ]
 
 
 def peer_section(name: str) -> str:
-    """Return the page of a simulated peer under its heading, which names its command."""
+    """Return the page of a simulated peer from the heading that names its command."""
     page = text(peers.load(name).page)
     heading = re.search(rf"^## (.*`cardan sim {name}`.*)$", page, re.MULTILINE)
     assert heading, f"no heading names `cardan sim {name}`"
@@ -477,7 +480,7 @@ UNSERVED = {
     "STOP_RT",
     "CHECK_TIMEOUT_CNT",
 }
-"""Numbers that are taken, but that no message here has."""
+"""Values that are defined, but that no message here uses."""
 
 
 def test_worked_messages_are_what_the_codec_says():
@@ -497,7 +500,7 @@ def test_worked_messages_are_what_the_codec_says():
 def test_snippets_are_programs_and_settings(page, tmp_path, monkeypatch):
     content = page.read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    for step in steps(content):  # A setting may name a file that the page has, too.
+    for step in steps(content):  # A setting may name a file on the page.
         if step.file:
             (tmp_path / step.file).write_text(step.text, encoding="utf-8")
     for block in blocks(content, "python"):
@@ -522,7 +525,7 @@ def test_examples_are_fine(example):
 
 
 def anchors(page: Path) -> set[str]:
-    """The names that GitHub gives to a page's headings."""
+    """Return GitHub's anchors of a page's headings."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 

@@ -1,4 +1,4 @@
-"""Every command of every page: it is one, and a test runs it."""
+"""Every command on every page: it exists, and a test runs it."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ LINES = [each.line for each in COMMANDS]
 
 
 def by(tables, line):
-    """The patterns of the tables that a command has."""
+    """Return the patterns of the tables that match a command."""
     return [pattern for pattern in tables if re.match(pattern, line)]
 
 
 def plugged_in(line):
-    """Commands of the template packages, which other tests install."""
+    """Return commands of the template packages, which other tests install."""
     return re.search(r"\blever\b", line)
 
 
@@ -43,7 +43,7 @@ def ran_here(line):
 
 
 def of_a_tutorial(line):
-    """It checks a file that the page itself has: tests/test_tutorials.py."""
+    """Return whether it checks a file on its own page: tests/test_tutorials.py."""
     return line.startswith("cardan check ") and not re.search(r"check (my-robot|session)", line)
 
 
@@ -73,7 +73,7 @@ def test_what_the_ledger_names_is_there(test):
 
 @pytest.mark.parametrize("command", OURS, ids=lambda each: each.line[:60])
 def test_the_command_line_takes_it(command):
-    """Names, options and values, as far as that goes without running it."""
+    """Names, options and values, as far as these can be checked without running it."""
     if plugged_in(command.line):
         return
     words = shlex.split(command.line.removeprefix("sudo ").partition(" | ")[0])[1:]
@@ -91,7 +91,7 @@ def test_the_command_line_takes_it(command):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """A folder with the files that commands name."""
+    """Return a folder with the files that commands name."""
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for name in ("my-robot.toml", "session.toml"):
         shutil.copy(ROOT / "examples" / "spacemouse-gofa.toml", tmp_path / name)
@@ -100,7 +100,7 @@ def here(tmp_path, monkeypatch):
 
 
 def run(line, capsys):
-    """Return the output of the command."""
+    """Run the command; return its output."""
     with contextlib.suppress(SystemExit):
         assert the_command_line()(shlex.split(line)[1:], standalone_mode=False) in (None, 0), line
     return capsys.readouterr().out
@@ -117,7 +117,7 @@ def test_a_command_that_is_done_at_once(line, here, capsys):
 @pytest.mark.matrix
 @pytest.mark.parametrize("line", [each for each in LINES if PEER.match(each) and ran_here(each)])
 def test_a_simulated_peer_serves(line, here, capsys, monkeypatch):
-    """At free ports, in this folder, and not as a real-time process."""
+    """On free ports, in this folder, and without real-time scheduling."""
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
     line = re.sub(r"--to 127\.0\.0\.1:\d+", f"--to 127.0.0.1:{free_udp_port()}", line)
     line = re.sub(r"--port \d+", f"--port {free_tcp_port()}", line)

@@ -1,4 +1,5 @@
-"""The site of the documentation, as far as it goes without building it (make docs builds it)."""
+"""The site of the documentation, as far as it can be tested without a build (make docs builds
+it)."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def tool(name: str) -> ModuleType:
-    """A program of tools/ as a module."""
+    """Import a program of tools/ as a module."""
     loader = SourceFileLoader(f"tools_{name}", str(ROOT / "tools" / name))
     spec = spec_from_loader(loader.name, loader)
     assert spec is not None
@@ -24,7 +25,7 @@ def tool(name: str) -> ModuleType:
 
 
 def test_every_page_is_in_the_navigation():
-    """Each section of docs/index.md is one of it, with the pages that it links."""
+    """Each section of docs/index.md is in the navigation, with the pages that it links."""
     index = ROOT / "docs" / "index.md"
     sections = index.read_text(encoding="utf-8").partition("\n## ")[2]
     linked = {
@@ -70,7 +71,7 @@ def test_a_link_that_leads_nowhere_is_named(site, link, why):
 
 
 def test_the_picture_of_the_demo_moves_and_is_small():
-    """make demo-picture makes it anew."""
+    """make demo-picture updates it."""
     data = (ROOT / "docs" / "images" / "demo.webp").read_bytes()
     assert data[:4] + data[8:12] == b"RIFFWEBP"
     assert data.count(b"ANMF") > 100

@@ -1,4 +1,4 @@
-"""The tables of drivers, simulated peers and demos stand in their pages as they are declared."""
+"""Tables of drivers, simulated peers and demos in the pages equal the declarations."""
 
 import pytest
 

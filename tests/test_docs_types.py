@@ -1,5 +1,5 @@
-"""Type checkers have nothing to say against the programs of the pages and examples, and know the
-options of every driver, as an editor does by them."""
+"""Type checkers accept the programs of the pages and examples, and know the options of every
+driver, which editors offer for completion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.test_docs import PAGES, ROOT, blocks
 PYRIGHT = "1.1.414"
 PACKAGES = [str(each) for each in sorted(ROOT.glob("examples/packages/*"))]
 SOURCES = [str(ROOT), *map(str, sorted(ROOT.glob("plugins/cardan-*"))), *PACKAGES]
-"""Where the programs find their imports."""
+"""Import paths of the programs."""
 EXAMPLES = [
     *(
         str(path)
@@ -30,19 +30,19 @@ EXAMPLES = [
     ),
     *PACKAGES,
 ]
-"""LeRobot's, beside them, needs what is not installed where this runs."""
+"""LeRobot's examples, also there, need a package that is not installed here."""
 DRIVERS = ours(registry)
 SKETCHED = "for state in robot.cycles():\n    robot.send(controller.tick("
-"""How the loop of docs/architecture.md begins, which is no program."""
+"""Beginning of the loop in docs/architecture.md, which is a sketch, not a program."""
 
 
 def is_program(code: str) -> bool:
-    """Whether it is whole: parts of programs import nothing."""
+    """Return whether a block is a whole program: fragments have no imports."""
     return re.match(r"(# \S+\n)?(import|from) ", code) is not None
 
 
 def programs() -> Iterator[tuple[Path, int, str]]:
-    """Each block of Python: its page, its number there, and the block."""
+    """Return each block of Python: its page, its number there, and the block."""
     for page in PAGES:
         for number, code in enumerate(blocks(page.read_text(encoding="utf-8"), "python")):
             yield page, number, code
@@ -50,7 +50,7 @@ def programs() -> Iterator[tuple[Path, int, str]]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Has every program of the pages, and what pyright is to know."""
+    """Folder with every program of the pages, and pyright's configuration."""
     made = tmp_path_factory.mktemp("programs")
     for page, number, code in programs():
         if is_program(code):
@@ -128,7 +128,7 @@ def test_pyright_knows_the_options_of_every_driver(tmp_path: Path, folder: Path)
 
 
 class Editor:
-    """A program that speaks with pyright as an editor does."""
+    """Language-server client of pyright, like an editor."""
 
     def __init__(self, folder: Path) -> None:
         program = installed("pyright", PYRIGHT) / "node_modules/.bin/pyright-langserver"

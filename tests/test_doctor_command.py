@@ -1,4 +1,4 @@
-"""``cardan doctor`` as people and programs call it."""
+"""``cardan doctor`` for users and for programs."""
 
 import json
 import signal
@@ -41,7 +41,7 @@ class Broken(Check):
 
 @pytest.fixture
 def taken(tmp_path):
-    """A file whose port another program has."""
+    """Return a file whose port another program uses."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         file = tmp_path / "gofa.toml"

@@ -1,5 +1,5 @@
-"""Whole commands that are told to end by any signal, or whose output is not read or cannot be
-written: the arm is braked, and the process ends soon, with one line at most."""
+"""Whole commands that get an ending signal, or whose output is not read or fails: the arm brakes,
+and the process exits soon, with at most one line."""
 
 import contextlib
 import json
@@ -25,7 +25,7 @@ from tests.waiting import STOOD_STILL, WITHIN_S, until
 pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
 ROBOT = "GP8, MotoROS velocity"
-"""It stands as soon as it is commanded to."""
+"""This robot stops as soon as it is commanded to."""
 SPEED_M_S = 0.1
 
 SIGNALS = [signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM]
@@ -40,7 +40,7 @@ def toml(tables):
 
 
 class Moving:
-    """A robot that serves, and the configuration of a session that moves it."""
+    """Served robot, and the configuration of a session that moves it."""
 
     def __init__(self, robot, file):
         self.file = file
@@ -54,12 +54,12 @@ class Moving:
             raise AssertionError(said()[-4000:].decode(errors="replace")) from error
 
     def wait_until_at_rest(self):
-        # Longer than the hand's own pauses.
+        # Longer than the script's own pauses.
         self._watch.until(lambda found: found < REST_M_S, 1.2)
 
     @property
     def rests(self):
-        """Whether the TCP does not move."""
+        """Return whether the TCP is at rest."""
         watch = Watch(ROBOTS[ROBOT].arm, self._joints)
         began_s = time.monotonic()
         while time.monotonic() < began_s + WINDOW_S:
@@ -76,12 +76,12 @@ def moving(tmp_path):
 
 
 def session_of(program):
-    """The process id of a session whose supervisor is verbose."""
+    """Return the process id of a session whose supervisor is verbose."""
     return int(program.wait_for(r"the session is process (\d+)", "stderr")[1])
 
 
 def assert_it_braked(program, code):
-    # A computer that stands still at the end has a device that is old, which is said by the code.
+    # After a pause of the computer at the end, the device is too old, which sets the exit code.
     paused = STOOD_STILL in program.out + program.err
     assert code in ((0, 4) if paused else (0,)), program.out + program.err
     assert "stopped on request" in program.out
@@ -180,7 +180,7 @@ def test_what_serves_ends_in_good_order(tmp_path, name, number):
 @pytest.mark.real("SIGHUP")
 @pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGHUP], ids=signal_name)
 def test_a_demo_that_is_asked_to_end_leaves_nothing_behind(number):
-    # tmp_path may be longer than a socket's path can be.
+    # tmp_path may be too long for a socket.
     with tempfile.TemporaryDirectory(prefix="cardan-test-") as folder:
         program = subprocess.Popen(
             [sys.executable, "-m", "cardan", "demo", "gofa", "-v"],
@@ -206,7 +206,7 @@ def test_a_demo_that_is_asked_to_end_leaves_nothing_behind(number):
 
 @contextlib.contextmanager
 def unread(kind):
-    """Yield a file descriptor to read from, which nobody reads, and one to write to."""
+    """Yield a file descriptor to read from, which is not read, and one to write to."""
     reading, writing = pty.openpty() if kind == "terminal" else os.pipe()
     try:
         yield reading, writing
@@ -216,7 +216,7 @@ def unread(kind):
 
 
 def fill(fd):
-    """Fill a pipe up, while others may write to it."""
+    """Fill a pipe while other processes may write to it."""
     own = os.open(f"/proc/self/fd/{fd}", os.O_WRONLY | os.O_NONBLOCK)
     with contextlib.suppress(BlockingIOError):
         while True:
@@ -225,7 +225,7 @@ def fill(fd):
 
 
 class Reader:
-    """Reads in a thread, but for the times when it is stopped."""
+    """Reader in a thread that can be paused."""
 
     def __init__(self, fd):
         self.found = b""
@@ -275,7 +275,7 @@ def test_a_session_that_nobody_sees_holds_and_ends_when_reported(moving, kind, n
         moving.wait_until_moving(lambda: reader.found)
         reader.stop()
         if kind == "pipe":
-            fill(writing)  # A terminal is full soon.
+            fill(writing)  # a terminal fills soon
         moving.wait_until_at_rest()
         assert program.process.poll() is None
         assert program.end(number, number) == 0
@@ -291,16 +291,16 @@ def test_a_session_that_is_seen_again_says_why_it_held(moving):
         reader.stop()
         moving.wait_until_at_rest()
         reader.go_on()
-        # A narrow terminal breaks the line anywhere.
+        # A narrow terminal may break the line anywhere.
         until(lambda: b"nobody" in reader.found, "the reason")
         assert program.end(signal.SIGINT) == 0
 
 
 def waits_to_write(pid: int) -> bool:
-    """Whether a thread waits for the reader of a pipe; libraries have threads of their own."""
+    """Return whether a thread is blocked on writing to a pipe; libraries have their own threads."""
     tasks = list(Path(f"/proc/{pid}/task").iterdir())
     waits = [(task / "wchan").read_text() for task in tasks]
-    if not any(wait.strip("0") for wait in waits):  # The kernel does not tell.
+    if not any(wait.strip("0") for wait in waits):  # the kernel hides it
         return len(tasks) > 1
     return any("pipe_write" in wait for wait in waits)
 
@@ -351,7 +351,7 @@ def test_a_hand_at_a_terminal_that_is_not_read(tmp_path):
         with selectors.DefaultSelector() as selector:
             selector.register(reading, selectors.EVENT_READ)
             assert selector.select(WITHIN_S)
-        for _ in range(40):  # Each key changes the display.
+        for _ in range(40):  # each key changes the display
             os.write(reading, b"wsad")
             threading.Event().wait(0.02)
         assert program.end(signal.SIGINT) == 0

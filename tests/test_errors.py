@@ -1,4 +1,4 @@
-"""Tree of errors: the docstring of cardan.errors and its page against the classes."""
+"""Tree of errors in the docstring of cardan.errors and on its page, compared with the classes."""
 
 import copy
 import importlib
@@ -21,7 +21,7 @@ LINE = re.compile(r"^(?P<indent>[| ]*)(?:\+-- )?(?P<name>\w+Error)\b(?P<words>.*
 
 
 def all_errors():
-    """Every subclass of CardanError that the package has, by name."""
+    """Return every subclass of CardanError in the package, by name."""
     for module in pkgutil.walk_packages(cardan.__path__, "cardan."):
         if module.name.endswith("__main__") or ".lib" in module.name:  # programs, C libraries
             continue
@@ -37,7 +37,7 @@ def all_errors():
 
 
 def block(text):
-    """The lines of the tree, without what they are indented by."""
+    """Return the lines of the tree without indentation."""
     lines = text[text.index("CardanError\n") :].splitlines()
     tree = [lines[0]]
     for line in lines[1:]:
@@ -51,7 +51,7 @@ TREE = block(errors.__doc__)
 
 
 def parents(tree):
-    """The name of each error's parent, and what is said of it."""
+    """Return the name of each error's parent, and the error's description."""
     found, path = {}, []
     for line in tree:
         match = LINE.match(line)

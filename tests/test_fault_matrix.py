@@ -1,7 +1,7 @@
-"""Every fault switch of both peers against the whole chain: the motion of the robot, in numbers.
+"""Motion of the robot, in numbers, with every fault switch of both peers in the whole chain.
 
-The hand grips at 0.8 s and pulls at 50 mm/s from 1.1 s on; at 6.0 s it releases everything, grips
-anew at 6.5 s and pushes from 6.8 s on. All in virtual time.
+The hand grips at 0.8 s and pulls at 50 mm/s from 1.1 s on; at 6.0 s it releases everything, at 6.5
+s it grips again, and from 6.8 s on it pushes. All in virtual time.
 """
 
 import pytest
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.matrix
 
 SPEED_M_S = 0.05
 FIRST_PULL_M = 0.0424
-"""Travel of the arm between 2.0 s and 2.9 s when all is well."""
+"""Distance of the arm between 2.0 s and 2.9 s without faults."""
 
 HARMLESS_HAND = {
     "short-report": 10.0,
@@ -46,7 +46,7 @@ ELSEWHERE = {
 
 
 def within_limits(chain, speed_m_s=SPEED_M_S, hardest_m_s2=1.3):
-    """Check that the arm kept to its speed and started and stopped gently."""
+    """Check that the arm kept to its speed, and started and stopped gently."""
     assert chain.fastest_m_s() <= 1.1 * speed_m_s
     assert chain.hardest_m_s2() <= hardest_m_s2
     return chain
@@ -75,7 +75,8 @@ def test_faulty_reports_do_not_show_at_the_robot(fault, value):
 @pytest.mark.parametrize(("fault", "value"), HARMLESS_ROBOT.items())
 def test_a_bad_network_is_ridden_out(fault, value):
     chain = within_limits(Chain(PUSH_AND_REGRIP, robot_faults={fault: value}).run(9.0))
-    # a datagram of ours that comes twice is taken twice: one period late each time, at 5 %
+    # A duplicate of our datagram is used twice: one period late each time, with a probability of 5
+    # %.
     slowed = 0.06 if fault == "duplicate" else 0.02
     assert chain.traveled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=slowed)
     assert chain.core.status().trips == 0
@@ -110,7 +111,7 @@ def test_radio_lost_while_deflected():
 
 def test_reports_that_stall_and_come_at_once():
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={"burst": 0.5}).run(9.0))
-    # the first stall takes the hand off; the flood after it does not give it back
+    # The first stall disengages the device; the burst after it does not re-engage it.
     assert chain.traveled_m(2.0, 6.7) <= 3e-4
     assert chain.core.status().trips >= 1
 
@@ -158,15 +159,18 @@ def test_a_pause_of_the_controller_ends_the_session():
 
 def test_a_restarted_controller():
     chain = within_limits(Chain(PUSH_AND_REGRIP, robot_faults={"restart": 3.0}).run(9.0))
-    # the arm stops by itself at 3.0 s and is back after 2 s, with sequence number 0
+    # The arm stops by itself at 3.0 s and is back after 2 s, with sequence number 0.
     assert chain.traveled_m(3.2, 5.0) <= 2e-4
     stays_until_regripped(chain, 5.0)
     assert chain.egm.metrics()["sessions"] == 2
 
 
 def test_the_controllers_port_changes():
-    """In the midst of a run: it may be another program, so nobody is answered. The controller stops
-    the arm by its CommTimeout, and the program that is started again at 6 s is a new session."""
+    """During motion it may be another program, and gets no answer.
+
+    The controller stops the arm by its CommTimeout. The program, which is started again at 6 s, is
+    a new session.
+    """
     chain = within_limits(Chain(PUSH_AND_REGRIP, robot_faults={"port-change": 3.0}).run(8.9))
     assert chain.traveled_m(3.0, 4.01) <= 0.011
     stays_until_regripped(chain, 4.2)
@@ -205,11 +209,11 @@ def test_a_flooded_port(source):
 
     chain.egm.receive = flooded
     within_limits(chain.run(6.0))
-    # noticed within a few cycles, then 50 ms of braking and the arm's own delay
+    # Detected within a few cycles; then 50 ms of braking and the arm's own delay.
     assert chain.traveled_m(3.1, 6.7) <= 0.003
     assert "is flooded with datagrams that are not the controller's" in chain.messages()
     assert chain.core.status().trips == 1
-    # every datagram of the controller was answered all the while
+    # Every datagram of the controller was answered throughout.
     assert sum(s.sent for s in chain.between(3.0, 6.0)) == len(chain.between(3.0, 6.0))
     assert chain.traveled_m(7.0, 8.5) == pytest.approx(0.071, rel=0.05)
 
@@ -220,7 +224,7 @@ def test_the_gateways_process_is_killed(comm_timeout_s):
     chain.session_alive = False
     chain.run(4.0)
     within_limits(chain)
-    # EGM goes on at the last speed until CommTimeout, then ramps down over 0.5 s
+    # EGM continues at the last speed until CommTimeout, then ramps down over 0.5 s.
     longest_m = SPEED_M_S * (comm_timeout_s + 0.5) + 0.003
     assert chain.traveled_m(3.0, 7.0) <= longest_m
     assert chain.rests_from() <= 3.0 + comm_timeout_s + 0.8

@@ -1,5 +1,4 @@
-"""The tables of tests/results/faults.md: they equal the measurements, and no value in them is too
-large."""
+"""Tables of tests/results/faults.md: equal to the measurements, and within the limits."""
 
 import itertools
 import math
@@ -14,7 +13,7 @@ from tests.fault_pilots import PILOTS
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(1200)]
 
 NEAR = (12.0, 0.6, 2.0, 0.15)
-"""ms, mm, mm/s, m/s²: tolerance for another computer's arithmetic."""
+"""ms, mm, mm/s, m/s²: tolerance for the arithmetic of another computer."""
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +22,7 @@ def rows():
 
 
 def cells(markdown):
-    """(source, fault, number of the column) and what stands in that cell."""
+    """Return the text of each cell by (source, fault, column number)."""
     source, found = "", {}
     for line, below in itertools.pairwise([*markdown.splitlines(), ""]):
         if line.startswith("### "):
@@ -40,7 +39,7 @@ def numbers(text):
 
 
 def assert_are(results, table):
-    """That this table is what is written of those results."""
+    """Assert that the written table equals these results."""
     written, now = cells(results.read()), cells(table)
     assert now
     assert written.keys() == now.keys(), "make fault-table writes it anew"
@@ -78,15 +77,15 @@ def test_a_measured_place_that_jumps_makes_nothing_faster_or_harder(rows):
 
 
 def test_what_stops_stops_soon(rows):
-    """A fault that ends motion brings the arm to rest within a second; a short stall may not."""
+    """A fault that ends motion stops the arm within a second; a short stall need not."""
     for row in rows:
         if not re.search(r"stalls|jumps|^clock", row.fault):
             assert row.motion.stop_s < 1.0, row
 
 
 def test_a_wrong_clock_ends_motion(rows):
-    """2 % are no fault, MotoROS' clock is not used, and one that is slow is sure after 1 to 1.5 s
-    only: tests/drivers/test_agreed_time.py."""
+    """2 % are no fault, MotoROS' clock is not used, and a slow one is certain only after 1 to 1.5
+    s: tests/drivers/test_agreed_time.py."""
     for row in rows:
         other = row.robot.startswith("MotoROS") or row.fault.startswith("clock 1.02")
         if row.fault.startswith("clock") and not other:

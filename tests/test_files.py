@@ -1,4 +1,4 @@
-"""Files that a user names: those that are read, and those refused at once and in one line."""
+"""Files that a user names: readable ones, and others refused at once in one line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ THINGS = ["a pipe", "a device", "a directory", "a socket"]
 
 @pytest.fixture(params=THINGS)
 def no_file(request, tmp_path):
-    """Something at a path that is no file, and what it is."""
+    """Return a path that is no regular file, and its kind."""
     path = tmp_path / "thing.toml"
     with socket.socket(socket.AF_UNIX) as sock:
         if request.param == "a pipe":
@@ -49,7 +49,7 @@ PAIRS = [
     (reader, what)
     for reader in READERS
     for what in THINGS
-    # Captures are read from pipes, too: test_dissect_captures_of_users.py of cardan-dissect.
+    # Captures may also be pipes: test_dissect_captures_of_users.py of cardan-dissect.
     if (reader, what) != ("capture", "a pipe")
 ]
 

@@ -1,4 +1,4 @@
-"""The table of floods in tests/results/floods.md, and some of its cells measured anew."""
+"""Table of floods in tests/results/floods.md, with some cells measured again."""
 
 import pytest
 
@@ -28,6 +28,6 @@ def test_a_flood_moves_nothing_late(name):
     if name == "Foxglove":
         pytest.importorskip("cardan_foxglove", reason="pip install ./plugins/cardan-foxglove")
     for row in flood_table.rows([name], [10.0], ["silence", "server stopped for 1 s"]):
-        # Time without a processor is not the server's delay.
+        # Time without a processor does not count as the server's delay.
         assert row.late_s <= REST_S + 0.1 + row.waited_s, row
         assert row.moved_s, row

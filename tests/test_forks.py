@@ -1,4 +1,4 @@
-"""A process that is forked while something is open: it stays the parent's."""
+"""Forks of a process with open resources, which stay the parent's."""
 
 import json
 import os
@@ -41,7 +41,7 @@ def in_child(*calls, leave=None):
 
 
 def forked(code, *words):
-    """Return the JSON that `code` prints in a Python of its own."""
+    """Return the JSON that `code` prints in a separate Python process."""
     done = subprocess.run(
         [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORKED + code, *words],
         capture_output=True,

@@ -1,6 +1,6 @@
-"""Fuzzing in short: what is kept is tried always, and every target gets some damaged input.
+"""Short fuzzing: every run tries the stored inputs, and gives every target some damaged input.
 
-``make fuzz`` is the long run; docs/beyond-make-test.md says what a finding is.
+``make fuzz`` is the long run; docs/beyond-make-test.md defines findings.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from tests.examples import examples
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 SHORT_INPUTS, SHORT_S = examples(300), 0.001 * examples(200)
-"""Of each target in every run of the tests, whichever comes first: of this process's time."""
+"""Limits for each target in every run of the tests, whichever is reached first: inputs, and
+processor time."""
 
 
 @pytest.mark.parametrize("name", targets())
@@ -39,7 +40,7 @@ GROWN_NOW = (
     "recording.mcap",
     "ros2_arm.peer",
 )
-"""Some that are quick, of bytes, text, and packets; the others in the matrix."""
+"""Some fast targets of bytes, text and packets; the others run in the matrix."""
 
 
 @pytest.mark.matrix(*(name for name in targets() if name not in GROWN_NOW))
@@ -70,18 +71,18 @@ def test_every_corpus_file_has_a_target_and_its_inputs_names():
         assert all(names)
 
 
-# -- that the list of targets is whole ------------------------------------------------------------
+# -- completeness of the list of targets ----------------------------------------------------------
 
 TARGETS = Path(__file__).parents[1] / "fuzz" / "targets"
 
 NOT_FUZZED = {
     "rate": "counts messages",
 }
-"""Protocols that no target is of, and why."""
+"""Protocols without a target, with the reason."""
 
 
 def _imported() -> set[str]:
-    """Full names of all that the targets' modules import."""
+    """Return full names of all imports of the targets' modules."""
     found = set()
     for path in TARGETS.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -159,7 +160,7 @@ def test_an_input_that_does_not_end_is_a_finding(monkeypatch):
         while True:
             try:
                 time.process_time()
-            except Exception:  # As a parser that goes on after everything.
+            except Exception:  # like a parser that continues after every exception
                 continue
 
     outcome = run(_target(parse), "1", 1)
@@ -182,7 +183,7 @@ def test_time_and_memory_that_grow_faster_than_input_are_findings():
 
 
 def test_inputs_with_outcomes_of_their_own_are_damaged_further():
-    """Four bytes must be right, one after the other: no chance without the ones before."""
+    """Four bytes must match, in sequence: random damage alone would not find them."""
     word = b"FUZZ"
 
     def parse(data):

@@ -1,4 +1,4 @@
-"""Output of `--help` at 80 columns: all of it, in sections, each command on a line of its own."""
+"""Output of `--help` at 80 columns: complete, in sections, each command on its own line."""
 
 import inspect
 import re
@@ -25,7 +25,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def found(words):
-    """The command of these words."""
+    """Return the command with these words."""
     command = the_command_line()
     for word in words:
         command = command.get_command(None, word)
@@ -33,7 +33,6 @@ def found(words):
 
 
 def all_commands(command, *words):
-    """The words of all commands."""
     yield words
     if hasattr(command, "list_commands"):
         for name in command.list_commands(None):
@@ -44,14 +43,14 @@ COMMANDS = list(all_commands(the_command_line()))
 
 
 def shown(*words):
-    """The help of a command."""
+    """Return the help of a command."""
     result = CliRunner().invoke(app, [*words, "--help"], env=COLUMNS, prog_name="cardan")
     assert result.exit_code == 0, result.output
     return result.output
 
 
 def listed_in(group):
-    """The commands that its help is to list."""
+    """Return the subcommands that its help should list."""
     return [name for name in group.list_commands(None) if not group.get_command(None, name).hidden]
 
 
@@ -82,12 +81,12 @@ def test_each_command_is_on_a_line_of_its_own_in_its_section(group):
 
 
 def plain(text):
-    """With one blank between words."""
+    """Reduce whitespace to single blanks."""
     return " ".join(text.split())
 
 
 def in_lines_of(text, width):
-    """Without blanks: a word that is longer than a line is broken."""
+    """Remove all blanks: a word longer than a line is broken."""
     assert max(map(len, text.splitlines())) <= width
     return "".join(text.split())
 
@@ -100,7 +99,7 @@ def test_the_help_of_a_command_has_all_that_is_written_of_it(words):
         assert plain(paragraph) in plain(text)
     rest = in_lines_of(text, 80)
     parameters = command.get_params(command.make_context("", [], resilient_parsing=True))
-    # Arguments are in a section before that of the options.
+    # Arguments are in a section above the options.
     for parameter in sorted(parameters, key=lambda each: each.param_type_name == "option"):
         if not getattr(parameter, "hidden", False):
             for name in (*parameter.opts, *parameter.secondary_opts):
@@ -116,7 +115,7 @@ def is_of_a_registry(words):
 
 
 def is_ours(words):
-    """Those of a package that is not here say so."""
+    """Return whether a command is Cardan's own: commands of a missing package have other texts."""
     module = getattr(found(words).callback, "__module__", "")
     return module.startswith("cardan.cli") and module != "cardan.cli.options_from_dataclass"
 
@@ -183,7 +182,7 @@ def test_an_old_name_below_a_group_is_answered_too():
 
 OLD = "|".join(sorted(MOVED, key=len, reverse=True))
 TYPED = re.compile(
-    # After `cardan`, across the ends of lines and of strings; and as a list of words.
+    # Commands after `cardan`, across line ends and string ends, and as lists of words.
     rf"""(?<![\w./@-])cardan(?:\ +|\ ?"?\n[ #*>]*f?"?)({OLD})(?![\w/=(]|-\w|\.\w)"""
     rf"""|(?:"cardan",|\*CARDAN,|parent_death",\ "","""
     rf"""|\b(?:CardanSubprocess|Program|cardan_subprocess|served)\()"""
@@ -196,7 +195,7 @@ OF_OLD_UNITS = {"tests/doctor/test_daemon.py"}
 
 
 def texts():
-    """Yield the files of the source tree that people read or that start the command."""
+    """Yield the files of the source tree that users read or that start the command."""
     folders = (
         "cardan",
         "docs",

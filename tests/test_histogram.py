@@ -1,4 +1,4 @@
-"""The latency histogram against exact percentiles."""
+"""Latency histogram compared with exact percentiles."""
 
 from __future__ import annotations
 

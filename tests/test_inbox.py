@@ -1,4 +1,4 @@
-"""Every wait of an inbox ends, for any behavior of its lock."""
+"""Waits of an inbox end, for any behavior of its lock."""
 
 import itertools
 import re
@@ -12,8 +12,8 @@ from cardan.common.inbox import Inbox, InboxEmptyError
 
 
 class StandIn:
-    """A lock that wakes without cause, `early_s` before the time or after it; it never waits, and
-    refuses to be asked to wait for ever."""
+    """Stand-in for a lock that wakes without cause, `early_s` before the time or after it. It never
+    blocks, and refuses a wait without limit."""
 
     def __init__(self, early_s):
         self.now_s, self.asked = 0.0, []

@@ -1,4 +1,4 @@
-"""Commands of other packages, by the entry points of the group ``cardan.commands``."""
+"""Commands of other packages, through entry points of the group ``cardan.commands``."""
 
 import sys
 from importlib.metadata import EntryPoint
@@ -40,14 +40,15 @@ def strange(times: object) -> None:
 
 @pytest.fixture
 def others(monkeypatch):
-    """Commands of other packages, each broken in its own way but two; one has the name of ours."""
+    """Register commands of other packages, each broken in its own way except for two; one has the
+    name of a command of Cardan."""
     points = [EntryPoint(name, target, "cardan.commands") for name, target in POINTS.items()]
     monkeypatch.setattr(installed, "entry_points", lambda group: points)
 
 
 @pytest.fixture
 def cardan(monkeypatch, capsys):
-    """The command, in this process; gives its output."""
+    """Run the command in this process; return its output."""
 
     def run(*words, code=0):
         monkeypatch.setattr(sys, "argv", ["cardan", *words])
@@ -136,7 +137,7 @@ def test_ours_have_their_names_first(cardan):
 def test_a_command_of_the_source_tree_says_where_it_is(
     cardan, monkeypatch, tmp_path, words, folder
 ):
-    monkeypatch.chdir(tmp_path)  # Where it is installed all the same, it writes into this folder.
+    monkeypatch.chdir(tmp_path)  # If it is installed nevertheless, it writes into this folder.
     monkeypatch.setattr(installed, "entry_points", lambda group: [])
     name = words[1] if words[0] == "devices" else words[0]
     said = cardan(*words, code=2)

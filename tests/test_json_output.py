@@ -1,4 +1,4 @@
-"""Every command with output that a program might read has --json."""
+"""Every command with machine-readable output has --json."""
 
 import contextlib
 import enum
@@ -35,7 +35,7 @@ WITHOUT = {
     "conform": "prints JSON by --format, as it has four of them",
     "robots": "list and show have it; add writes a file",
 }
-"""Commands without it, and why."""
+"""Commands without it, with the reason."""
 
 
 def test_every_command_has_it_or_a_reason_why_not():
@@ -43,7 +43,7 @@ def test_every_command_has_it_or_a_reason_why_not():
     for group in ("daemon", "devices", "net"):
         below = the_command_line().commands[group].commands
         commands |= {f"{group} {name}": command for name, command in below.items()}
-        if group != "devices":  # That one lists them by itself.
+        if group != "devices":  # this one lists them itself
             del commands[group]
     has = {
         name

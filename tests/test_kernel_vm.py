@@ -1,4 +1,4 @@
-"""tools/kernel-vm: the choice of its machine's accelerator, and prompt reports of failures."""
+"""tools/kernel-vm: choice of its machine's accelerator, and prompt reports of failures."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Every program of docs/library.md runs, against the simulated peers that the page starts."""
+"""Every program of docs/library.md runs with the simulated peers that the page starts."""
 
 import os
 import re
@@ -20,7 +20,7 @@ PORT, SOCKET = "6510", "spacemouse.sock"
 
 
 def needed(program):
-    """The commands of the page that a program needs."""
+    """Return the page's commands that a program needs."""
     serves_itself = "sim_peers" in program
     return [
         peer

@@ -1,4 +1,5 @@
-"""locks/ has all that make installs, by version and hash, and all that pyproject.toml asks for."""
+"""locks/ has all packages that make installs, by version and hash, and all that pyproject.toml
+requires."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 LOCKS = {path.stem: path.read_text(encoding="utf-8") for path in ROOT.glob("locks/*.txt")}
 OF_TOOLS = {"make", "uv", "published", "descriptions"}
-"""No extras: what makes the environment, and files that tests read."""
+"""Locks that are not extras: tools of the environment, and files that tests read."""
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
@@ -40,14 +41,14 @@ WRITE = "run `make lock`"
 
 
 def entries(lock: str) -> Iterator[tuple[Requirement, list[str]]]:
-    """Each package of a lock, and its hashes."""
+    """Return each package of a lock with its hashes."""
     for entry in re.sub(r"\\\n|^#.*\n", "", LOCKS[lock], flags=re.MULTILINE).splitlines():
         requirement, *hashes = entry.split(" --hash=")
         yield Requirement(requirement), [each.strip() for each in hashes]
 
 
 def environment(python: str) -> dict[str, str]:
-    """A Python on Linux, as markers see it."""
+    """Return marker values of a Python version on Linux."""
     return {
         **default_environment(),
         "python_version": python,
@@ -69,13 +70,13 @@ def versions(lock: str, variables: dict[str, str]) -> dict[str, str]:
 
 
 def asked_for(extra: str) -> Iterator[Requirement]:
-    """Yield the requirements of an extra of pyproject.toml, with those of the extras and plug-ins
+    """Yield the requirements of an extra in pyproject.toml, including those of extras and plug-ins
     that it names."""
     yield from needed_by(EXTRAS[extra])
 
 
 def needed_by(texts: Iterable[str]) -> Iterator[Requirement]:
-    """Yield such requirements, with extras and plug-ins replaced by theirs."""
+    """Yield requirements with extras and plug-ins replaced by their own requirements."""
     for text in texts:
         requirement = Requirement(text)
         if requirement.name == "cardan":
@@ -155,7 +156,7 @@ def test_this_environment_is_the_locked_one():
 
 @pytest.mark.parametrize("installer", ["uv", "pip"])
 def test_what_is_installed_is_said_with_its_size_before_and_progress_is_shown(tmp_path, installer):
-    """Downloads take most of the time of `make demo`."""
+    """Downloads take most of `make demo`'s time."""
     programs = tmp_path / "bin"
     programs.mkdir()
     for name in ("python", "uv"):

@@ -1,4 +1,4 @@
-"""Logs go to standard error as it is at the time."""
+"""Logs go to the current standard error."""
 
 import io
 import json
@@ -17,7 +17,7 @@ from cardan.common.logs import LogFormat, fields, found_format, log_to_stderr
 
 @pytest.fixture
 def logging_set_up(monkeypatch):
-    """Sets up a root logger that has not been: pytest gives it handlers before each test."""
+    """Set up a root logger without handlers, which pytest adds before each test."""
     logger = logging.getLogger()
     level = logger.level
 
@@ -62,7 +62,7 @@ def test_it_is_imported_by_every_python(module):
 
 
 def logged(monkeypatch):
-    """Return lines logged with fields, and with a traceback, as standard error has them."""
+    """Return lines logged with fields and with a traceback, as standard error shows them."""
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
     log = logging.getLogger("cardan.test")
@@ -100,7 +100,7 @@ def journal(tmp_path, monkeypatch):
 
 
 def entry(data):
-    """The fields of an entry, read as systemd's documentation of the protocol has it."""
+    """Return the fields of an entry, decoded by systemd's documentation of the protocol."""
     found = {}
     while data:
         name, _, data = data.partition(b"\n")

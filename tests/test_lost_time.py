@@ -1,7 +1,8 @@
-"""Time lost between two commands makes no robot faster or harder than it was asked to be.
+"""Time lost between two commands raises neither speed nor acceleration of a robot above the
+request.
 
-The core here is the simplest that goes on by one nominal period in each tick: a constant speed,
-reached with a ramp. All else is the real driver's and the simulated controller's, in virtual time.
+The core here is the simplest one that advances by a nominal period in each tick: a constant speed,
+reached by a ramp. Drivers are the real ones, controllers are simulated, in virtual time.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ pytestmark = pytest.mark.matrix
 SPEED_M_S = 0.1
 ACCELERATION_M_S2 = 1.0
 HARDEST_M_S2 = 1.3
-"""The ramp that was asked for, and what the servos and two ramps in one window add."""
+"""The requested ramp, plus overshoot of the servos and of two ramps in one window."""
 
 SHORTEST_S = 0.005
 LONGEST_S = {
@@ -51,15 +52,18 @@ LONGEST_S = {
     Ros2Bench: 0.011,
     UrBench: 0.09,
 }
-"""After 0.1 s controllers and drivers brake by themselves, as hard as they may; a stream of points
-may have run empty, and stopped dead, after the three increments of 4 ms that it keeps, and a
-forward_command_controller stops dead at its last position: its driver bridges 15 ms, a period of
-4 ms included, and tests/drivers/test_ros2_arm.py has what comes of longer gaps."""
+"""Longest gap in which no controller or driver stops on its own.
+
+After 0.1 s they brake by themselves, as hard as they may. A stream of points stops dead once its
+three stored increments of 4 ms are used up. A forward_command_controller stops dead at its last
+position: its driver bridges 15 ms, including a period of 4 ms; tests/drivers/test_ros2_arm.py
+covers longer gaps.
+"""
 
 
 class Steady:
-    """A constant speed along the bench's direction, or about its first axis; one nominal period in
-    each tick, whatever time has passed."""
+    """Constant speed along the bench's direction, or about its first axis, advanced by one nominal
+    period per tick."""
 
     def __init__(self, bench):
         self.bench = bench
@@ -102,7 +106,7 @@ def moving(bench):
 
 
 def stall_in_tick(bench, core, seconds):
-    """The process stands still between receiving a state and answering it."""
+    """Stop the process between receiving a state and answering it."""
 
     def answer(state):
         bench.answer = core.tick
@@ -116,14 +120,14 @@ def stall_in_tick(bench, core, seconds):
 SHARES = st.lists(
     st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 0.3), st.booleans()), min_size=1, max_size=6
 )
-"""How much of the longest gap, the time until the next, and whether the gap is inside a tick."""
+"""Share of the longest gap, time until the next one, and whether the gap is inside a tick."""
 
 PATTERNS = settings(max_examples=20, suppress_health_check=list(HealthCheck), derandomize=True)
 ROBOTS = pytest.mark.parametrize("kind", BENCHES, ids=lambda kind: kind.name)
 
 
 def through_gaps(bench, core, pattern, longest_s):
-    """Return the motion of the arm while time was lost again and again."""
+    """Return the motion of the arm while time was lost repeatedly."""
     since_s = bench.now_s
     for share, rest_s, in_tick in pattern:
         gap_s = SHORTEST_S + share * (longest_s - SHORTEST_S)
@@ -158,7 +162,7 @@ def test_a_gap_is_not_made_up_for(kind, pattern):
 
 @ROBOTS
 def test_at_rest_the_arm_is_where_its_core_is(kind):
-    """The difference that a gap has left is worked off, not quickly, and not for long."""
+    """The remaining difference is compensated slowly, but not for long."""
     with kind() as bench:
         core = moving(bench)
         bench.stall(min(0.06, LONGEST_S[kind]))
@@ -184,7 +188,7 @@ def test_at_rest_the_arm_is_where_its_core_is(kind):
 @example(pattern=[(0.25, 0.3, True)])
 @example(pattern=[(0.25, 0.0, False)])
 def test_no_gap_makes_an_arm_faster(kind, pattern):
-    """Where its controller stops by itself, too: a motion is taken up again from rest."""
+    """Includes gaps in which its controller stops by itself: motion then resumes from rest."""
     with kind() as bench:
         motion = through_gaps(bench, moving(bench), pattern, 0.5)
         assert motion.peak_m_s <= SPEED_M_S * (1.0 + MARGIN)

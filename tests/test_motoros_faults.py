@@ -1,4 +1,4 @@
-"""Faults between the MotoROS driver and its controller: the driver stops, and says why.
+"""Faults between the MotoROS driver and its controller: the driver stops, and reports the reason.
 
 The rows of the tables in docs/motoman.md and docs/protocols/simple-message.md, with the
 bytes of the wire between both sides and time as an argument.
@@ -20,11 +20,11 @@ IPC_S = 0.004
 MODES = ("velocity", "stream")
 ACCELERATION = 5.0
 ONE_PULSE = 1.0
-"""rad/s² that the command seems to have because it is whole pulses."""
+"""rad/s² that a commanded speed of whole pulses seems to have."""
 
 
 def moving(mode, faults=None, **driver):
-    """A robot that turns joint 1 at SPEED, and has for half a second."""
+    """Return a robot that has turned joint 1 at SPEED for half a second."""
     bench = SessionBench(
         {"mode": mode, "acceleration_rad_s2": (ACCELERATION,) * 6, **driver},
         lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
@@ -38,7 +38,7 @@ def moving(mode, faults=None, **driver):
 
 
 def speed(bench, window_s=0.02):
-    """Of the controller's command, over the last periods."""
+    """Return the speed of the controller's command over the last periods."""
     times = np.array([row[0] for row in bench.trace])
     command = np.array([row[1] for row in bench.trace])
     first = int(np.searchsorted(times, times[-1] - window_s))
@@ -46,7 +46,7 @@ def speed(bench, window_s=0.02):
 
 
 def hardest(bench, since_s):
-    """Largest change of the commanded speed from one interpolation period to the next, rad/s²."""
+    """Return the largest change of the commanded speed between interpolation periods, rad/s²."""
     times = np.array([row[0] for row in bench.trace])
     command = np.array([row[1] for row in bench.trace])
     grid = np.arange(since_s - 0.1, times[-1], IPC_S)
@@ -94,7 +94,8 @@ def test_what_the_controller_stops_for(mode, event):
 
 
 def assert_moves_only_when_enabled_anew(bench):
-    """The cause goes; nothing moves by itself, and everything does when it is asked for."""
+    """Remove the cause; assert that nothing moves by itself, and that motion is possible after
+    enabling again."""
     controller, now_s = bench.controller, bench.now_s
     controller.release_emergency_stop(now_s)
     controller.reset_alarm(now_s)
@@ -130,14 +131,14 @@ def test_stock_firmware_plays_for_50_ms_when_the_motion_connection_is_cut():
     assert speed(bench) == 0.0
     assert traveled(bench, at_s) <= SPEED * (0.050 + 2 * IPC_S)
     assert "motion connection was lost" in bench.session.control.end_reason
-    # Points left in the queue are not played when the driver is back: it stops first.
+    # Points left in the queue are not executed after the driver's return: it stops first.
     assert_moves_only_when_enabled_anew(bench)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_half_open_connection(mode):
     bench = moving(mode, faults={"silent": 3.0})
-    # From the beginning of the controller's time.
+    # Since the start of the controller's clock.
     bench.run(3.0, until=lambda: bench.servers.silent)
     at_s = bench.now_s
     bench.run(0.4)
@@ -160,7 +161,7 @@ def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
     assert hardest(bench, at_s) <= ACCELERATION + ONE_PULSE
     assert SPEED * 0.095 <= traveled(bench, at_s) <= SPEED * (0.100 + 3 * IPC_S) + BRAKING_RAD
     assert bench.controller.status().motion_possible == 0
-    # It wakes up and goes on as if nothing had been: the latch holds.
+    # The process continues without noticing its pause: the latch holds.
     woken_s = bench.now_s
     bench.run(0.5)
     assert traveled(bench, woken_s) == 0.0
@@ -177,7 +178,7 @@ def test_a_stream_runs_out_when_the_program_is_dead():
 
 
 def die(bench, seconds):
-    """The process with the driver stands still; its kernel keeps the sockets."""
+    """Stop the driver's process; its kernel keeps the sockets."""
     end_s = bench.now_s + seconds
     while bench.now_s < end_s:
         bench.now_s += 2.5e-4
@@ -292,7 +293,7 @@ def test_a_stream_that_ran_empty_begins_anew_from_rest():
     assert bench.session.control.enabled
     assert speed(bench) == pytest.approx(SPEED, rel=0.05)
     assert bench.session.control.counters.underruns == 1
-    # No segment began at the speed that the last point before the pause had.
+    # No segment began at the speed of the last point before the pause.
     assert hardest(bench, at_s + 0.1) <= ACCELERATION + 3 * ONE_PULSE
 
 

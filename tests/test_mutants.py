@@ -1,4 +1,4 @@
-"""tools/mutants: which changes there are, and that it tells those that tests notice."""
+"""tools/mutants: generated changes, and detection of those that tests notice."""
 
 import ast
 import collections

@@ -1,4 +1,5 @@
-"""The C parts are there wherever there is a compiler: no test of theirs is skipped unseen."""
+"""The compiled parts exist wherever a compiler does, so that no test of theirs is skipped
+silently."""
 
 import os
 import shutil
@@ -10,7 +11,7 @@ from cardan.gateway.servo import native
 
 def test_the_c_parts_were_compiled():
     if shutil.which(os.environ.get("CC", "cc")) is None:
-        return  # Then the package is built without, and says so; the other tests skip aloud.
+        return  # the package says so, and other tests skip visibly
     assert native.kernel_library(), "run tools/native"
     assert compiled.egm_library(), "run tools/native"
     assert ur_library(), "run tools/native"

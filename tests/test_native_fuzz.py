@@ -1,4 +1,4 @@
-"""The compiled parts under the sanitizers of addresses and undefined behavior, fed nonsense."""
+"""Compiled parts with malformed input, under the address and undefined-behavior sanitizers."""
 
 import os
 import shutil
@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SANITIZERS = ("-g", "-Werror", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 SECONDS = 5
-"""Of the processor's time: for the servo some seven thousand arms of 60 ticks each."""
+"""Processor time: for the servo about seven thousand arms of 60 ticks each."""
 
 
 @pytest.mark.matrix

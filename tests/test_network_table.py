@@ -1,4 +1,4 @@
-"""The table of judges on the network has the contents of the tests' marks, and no more."""
+"""Table of judges on the network: it has exactly the contents of the tests' marks."""
 
 import pytest
 

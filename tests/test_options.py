@@ -1,4 +1,5 @@
-"""Options are checked by their annotations; errors name the key, the value and the allowed ones."""
+"""Options are checked by their annotations; errors name the key, the value and the allowed
+values."""
 
 from __future__ import annotations
 
@@ -145,7 +146,7 @@ def test_what_an_annotation_allows(hint, good, bad, allowed):
 
 
 SHARED = ["0.0.0.0", "0", "224.0.0.1", "224.1", "239.255.255.255", "255.255.255.255", "0xffffffff"]
-"""Addresses that are of no one computer."""
+"""Addresses that belong to no single computer."""
 
 
 @pytest.mark.parametrize(
@@ -225,16 +226,17 @@ def test_an_error_below_a_table_stays_what_it_is():
     assert str(ConfigurationError("a", "is odd").below("")) == "a: is odd"
 
 
-# -- all that are registered ---------------------------------------------------------------------
+# -- all registered options ------------------------------------------------------------------------
 
 
 def with_inside(options: type[Any]) -> list[type[Any]]:
-    """A dataclass of options, and those that it has for fields."""
+    """Yield a dataclass of options, and the dataclasses in its fields."""
     return [options, *(hint for hint in hints(options).values() if dataclasses.is_dataclass(hint))]
 
 
 def kinds() -> Iterator[tuple[str, type[Any]]]:
-    """The options of every driver, filter and simulated peer, and the dataclasses inside."""
+    """Return the options of every driver, filter and simulated peer, including nested
+    dataclasses."""
     for registry in (driver_registry, filter_registry, peer_registry):
         for name, each in ours(registry).items():
             for kind in with_inside(each.Options):
@@ -249,7 +251,7 @@ FIELDS = [
 
 
 def bad_values(kind: type[Any], name: str) -> Iterator[Any]:
-    """Of a wrong type, a choice that does not exist, and numbers out of range."""
+    """Yield values of a wrong type, an unknown choice, and numbers out of range."""
     hint = hints(kind)[name]
     yield object()
     yield b"bytes"
@@ -257,7 +259,7 @@ def bad_values(kind: type[Any], name: str) -> Iterator[Any]:
         yield "no such choice"
     yield from spoilt(hint, math.nan)
     allowed = {each for each, _ in found_in(hint)}
-    if len(allowed) == 1:  # Else a number is out of one range and in another.
+    if len(allowed) == 1:  # else a number may be out of one range and in another
         (only,) = allowed
         for end in (only.lowest - 1.0, 2.0 * only.highest + 1.0):
             if math.isfinite(end):

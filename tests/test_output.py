@@ -1,4 +1,4 @@
-"""Output to a reader that does not read, or has gone, holds no program up."""
+"""Output to a slow or vanished reader delays no program."""
 
 import contextlib
 import errno
@@ -25,7 +25,7 @@ PIECE = b"x" * 4096
 
 @pytest.fixture
 def pipe():
-    """Both ends of a pipe; what is open at the end is closed."""
+    """Return both ends of a pipe, closed at the end if still open."""
     ends = os.pipe()
     yield ends
     for end in ends:
@@ -42,7 +42,7 @@ def fill(fd):
 
 
 def drained(fd):
-    """All that comes until nothing has come for a while."""
+    """Return all data that arrives until none has arrived for a while."""
     os.set_blocking(fd, False)
     found = b""
     while True:
@@ -75,7 +75,7 @@ def test_one_that_keeps_up_never_waits(pipe):
 
 
 def test_a_slow_terminal_is_read(monkeypatch):
-    """Each write takes a while, and all of them take long."""
+    """Each write takes a while, and all together take long."""
     now_s = [100.0]
     writing, go_on = threading.Semaphore(0), threading.Semaphore(0)
     written = []

@@ -1,4 +1,4 @@
-"""The programs of examples/peers print the output that they announce."""
+"""Programs of examples/peers print the output that they announce."""
 
 from __future__ import annotations
 

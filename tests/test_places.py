@@ -1,4 +1,4 @@
-"""Where a key of a TOML file stands: of each way to write one, and of errors that readers raise."""
+"""Position of a key in a TOML file, for each notation and for errors of readers."""
 
 import copy
 import pickle

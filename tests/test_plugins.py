@@ -1,4 +1,4 @@
-"""Classes are found by name, ours and those of other packages."""
+"""Classes are found by name, Cardan's and those of other packages."""
 
 import importlib.metadata
 import re
@@ -30,7 +30,7 @@ POINTS = [
 
 
 class DeclaredError(ArithmeticError):
-    """Attributes that a class of the kind declares."""
+    """Base class of this kind with its declared attributes."""
 
     summary = ""
     matches = ()
@@ -221,7 +221,7 @@ def test_a_shortage_in_use_is_no_fault_of_a_plug_in(finder):
 
 
 def plugins_entry_points():
-    """Yield the kind, name and folder of each entry point in this source tree's groups."""
+    """Yield kind, name and folder of each entry point in this source tree's groups."""
     words = {
         "cardan.buses": "transport",
         "cardan.checks": "check",
@@ -238,7 +238,7 @@ def plugins_entry_points():
         project = tomllib.loads(file.read_text(encoding="utf-8"))["project"]
         for group, points in project.get("entry-points", {}).items():
             if group in ("cardan.captures", "cardan.second_descriptions"):
-                continue  # Nobody asks for one by name: what lacks it says the extra.
+                continue  # never requested by name: missing features name the extra
             for name in points:
                 yield words[group], name, str(file.parent.relative_to(root))
 

@@ -1,4 +1,4 @@
-"""Cases of the fault table of whole programs; `make fault-table-processes` has all of them."""
+"""Cases from the fault table of whole programs; `make fault-table-processes` runs all of them."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from tests.process_faults.cases import GOFA, SHORT, all_cases
 from tests.process_faults.lab import PAIRS, Motion, Trace
 from tests.process_faults.table import RESULTS, Row, judged, notes_of, run, tables
 
-pytestmark = pytest.mark.matrix  # Whole programs, which move arms.
+pytestmark = pytest.mark.matrix  # whole programs that move arms
 
 CASES = {case.key: case for case in all_cases()}
 
@@ -25,7 +25,7 @@ def rows():
     return {row.key: row for row in run([CASES[key] for key in SHORT], labs=2)}
 
 
-@pytest.mark.timeout(400)  # The first one waits for all.
+@pytest.mark.timeout(400)  # the first one waits for all rows
 @pytest.mark.parametrize("key", SHORT)
 def test_what_the_arm_did(rows, key):
     assert rows[key].wrong == [], rows[key]
@@ -54,8 +54,8 @@ def test_what_is_wrong_is_said(name, motion, lost, wrong):
 
 
 def trace_of(speeds, gone_s=None):
-    """An arm with these speeds, m/s, each for 0.1 s; its robot has another process from a time on,
-    and stands elsewhere."""
+    """Return the trace of an arm with these speeds, m/s, each for 0.1 s; from `gone_s` on another
+    process of its robot is at another position."""
     trace, place = Trace(), 0.0
     trace.begin()
     for index in range(25 * len(speeds)):

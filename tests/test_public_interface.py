@@ -1,4 +1,4 @@
-"""``import cardan``: its names, its cost, keywords, and one way to open everything."""
+"""``import cardan``: names, import time, keywords, and a uniform way to open everything."""
 
 import ast
 import dataclasses
@@ -22,7 +22,7 @@ DRIVERS = {name: registry.load(name) for name in registry.BUILT_IN}
 
 
 def in_a_new_python(code):
-    """Return the JSON that `code` prints."""
+    """Return the JSON that `code` prints in a new process."""
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
@@ -52,7 +52,7 @@ NOT_FOR_A_CLASS = {
     "cardan.common.tables", "cardan.robots", "difflib", "importlib.metadata", "numpy", "scipy",
     "tomllib", "typer", "xml.etree.ElementTree",
 }  # fmt: skip
-"""Modules to open a driver, read a file or word an error, not to define a class."""
+"""Modules to open a driver, read a file or write an error, but not to define a class."""
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_without_an_extra_only_the_name_that_needs_it_fails():
 
 
 def test_type_checkers_know_what_a_name_opens():
-    """An overload for each built-in name, in the order of the table; at run time it costs none."""
+    """Each built-in name has an overload, in the table's order, without cost at run time."""
     opened = {"open_device": {}, "open_robot": {}}
     for node in ast.parse(Path(api.__file__).read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef) and node.name in opened and node.decorator_list:
@@ -169,7 +169,7 @@ def test_submodules_and_unknown_names():
 
 @pytest.mark.parametrize("driver", DRIVERS.values(), ids=DRIVERS)
 def test_type_checkers_know_its_options(driver):
-    """They would take Driver's own, which may be anything."""
+    """Without overloads they would accept Driver's own options, which may be anything."""
     assert (
         vars(driver)["__annotations__"]["Options"] == f"ClassVar[type[{driver.Options.__name__}]]"
     )

@@ -1,4 +1,4 @@
-"""Requests of a session to the system that keep its loop on time."""
+"""System settings that a session requests to keep its loop on time."""
 
 import os
 import subprocess

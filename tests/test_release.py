@@ -1,4 +1,4 @@
-"""Releases: one version everywhere, notes for it, and no upload or tag by itself."""
+"""Releases: one version everywhere, notes for it, and no automatic upload or tag."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""A device at another computer: the table is what is measured, the arm is at rest in time, and it
-moves for nobody who has not asked."""
+"""Table of a device at another computer: it equals the measurements, the arm is at rest in time,
+and no motion occurs without a request."""
 
 import math
 
@@ -21,7 +21,7 @@ from tests.remote_fault_table import (
 from tests.test_fault_table import assert_are
 
 STILL_M = 5e-5
-"""Way of an arm that moves by less than 1 mm/s until it rests: 0.0 mm."""
+"""Distance until rest of an arm that moves by less than 1 mm/s: 0.0 mm."""
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def assert_safe(row):
     assert row.motion.peak_m_s2 <= HARDEST_M_S2, row
     assert row.motion.back_m <= STILL_M, row
     assert row.unasked_m <= STILL_M, row
-    # A stopped arm goes on by re-arming, and by nothing else.
+    # Only re-arming lets a stopped arm move again.
     assert math.isinf(row.motion.stop_s) or row.again_m >= AGAIN_M, row
 
 
@@ -62,7 +62,7 @@ def test_the_arm_is_at_rest_in_time_and_moves_only_when_asked(rows):
 @pytest.mark.matrix
 @pytest.mark.timeout(1200)
 def test_all_but_a_camera_ends_motion(rows):
-    """A state delayed by a picture may still be young enough, where `max_age_s` is long."""
+    """If `max_age_s` is long, a state delayed by a picture may still be young enough."""
     assert {row.fault for row in rows if math.isinf(row.rest_by_s)} <= {CAMERA}
 
 
@@ -73,7 +73,7 @@ def test_what_comes_twice_or_late_moves_nothing_further_or_faster(rows, fault, j
     found = {(row.fault, row.network): row.motion for row in rows}
     for name, network in NETWORKS.items():
         there, without = found[fault, name], found[CAP, name]
-        # By chance one state is later than another.
+        # By chance one state may be later than another.
         most_s = max(jitter_s, network.link.jitter_s)
         assert there.distance_m <= without.distance_m + SPEED_M_S * most_s + STILL_M, (name, there)
         assert there.peak_m_s <= without.peak_m_s * 1.001, (name, there)

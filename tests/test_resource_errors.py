@@ -1,4 +1,4 @@
-"""A resource that the computer lacks is reported in a line."""
+"""A resource that the computer lacks is reported in one line."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_a_command_ends_in_a_line(limit, words):
 @pytest.mark.matrix
 @pytest.mark.parametrize("kilobytes", [49152, 61440])
 def test_with_a_little_more_memory_a_demo_ends_in_lines(kilobytes):
-    """How far it comes is the interpreter's matter: to a driver's import, or to its peers."""
+    """The interpreter determines whether the failure is at a driver's import or at its peers."""
     done = subprocess.run(
         ("sh", "-c", f"ulimit -v {kilobytes}; exec {sys.executable} -m cardan demo --seconds 3"),
         capture_output=True,

@@ -1,4 +1,4 @@
-"""``cardan robots``: an arm's file made of a vendor's URDF, as a person meets it."""
+"""``cardan robots``: generation of an arm's file from a vendor's URDF, for users."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ GRIPPER = '<limit lower="0" upper="0.04" velocity="0.1" effort="20"/>'
 
 
 def robot(slow=LIMIT):
-    """Six joints, a tool's frame between two fingers, and a camera on the base."""
+    """Robot of six joints, with a tool frame between two fingers, and a camera on the base."""
     chain = "".join(
         link(f"l{number}")
         + joint(
@@ -74,7 +74,7 @@ draw = pictures.draw
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(tried, "POSES", 100)
-    # Drawing is nearly all of the command's time.
+    # Skips the drawing, which takes most of the command's time.
     monkeypatch.setattr(pictures, "draw", lambda _arm, _poses, picture: picture.touch())
     load_arm.cache_clear()
     Path("vendor.urdf").write_text(robot(), encoding="utf-8")
@@ -82,7 +82,7 @@ def here(tmp_path, monkeypatch):
 
 
 def cardan(capsys, *words):
-    """Return the output of the command."""
+    """Run the command; return its output."""
     the_command_line()(list(words), standalone_mode=False)
     return capsys.readouterr().out
 
@@ -291,7 +291,7 @@ def test_what_is_wrong_is_said_of_the_option(here, capsys, words, said):
 
 
 class Bus:
-    """Where `text` is published; what was asked for."""
+    """Stand-in for a bus on which `text` is published; it records requests."""
 
     def __init__(self, text) -> None:
         self.text, self.asked = text, []
@@ -327,7 +327,7 @@ def test_a_description_on_the_bus_is_kept_as_a_file_and_then_as_any_file(bus, ca
 
 
 def load_arm_of_file(capsys):
-    """The same arm, added from its file."""
+    """Return the same arm, added from its file."""
     cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0")
     return load_arm("vendor.toml")
 

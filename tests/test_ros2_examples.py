@@ -1,5 +1,5 @@
-"""The examples of examples/ros2, as far as that goes without ROS: programs and command lines
-against sessions on the bus, configuration files by the programs that read them."""
+"""The examples of examples/ros2, as far as possible without ROS: programs and command lines against
+sessions on the bus, configuration files by the programs that read them."""
 
 import contextlib
 import json
@@ -27,14 +27,14 @@ from tests.gateway.servers.test_rosbridge_judges import installed
 from tests.serving import free_endpoint, free_tcp_port
 from tests.waiting import until
 
-pytestmark = pytest.mark.timeout(180)  # Sessions, routers and servers begin one after the other.
+pytestmark = pytest.mark.timeout(180)  # sessions, routers and servers start one after the other
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "ros2"
 TWO = EXAMPLES / "two-computers"
 ARM = "/cartesian_control_server_ros2"
 MOUSE = ("sim", "spacemouse", "--hid", "spacemouse.sock", "--script", "demo")
 PAUSE_S = 1.5
-"""After a stream, until another one may begin."""
+"""Pause after a stream until another one may begin."""
 
 
 # -- files ----------------------------------------------------------------------------------------
@@ -60,7 +60,7 @@ def test_every_example_has_its_place_on_the_page():
 
 
 def panels(layout):
-    """The names of the panels in a layout."""
+    """Yield the names of the panels in a layout."""
     if isinstance(layout, str):
         return [layout]
     return [*panels(layout["first"]), *panels(layout["second"])]
@@ -70,7 +70,7 @@ def panels(layout):
 
 
 class Client:
-    """Does a `ros2` line's work by rosbridge."""
+    """Performs a `ros2` command line over rosbridge."""
 
     def __init__(self, socket) -> None:
         self._socket, self._number = socket, 0
@@ -79,7 +79,7 @@ class Client:
         self._socket.send(json.dumps(operation))
 
     def until(self, wanted, timeout_s=20.0):
-        """The next operation that is `wanted`."""
+        """Return the next operation for which `wanted` is true."""
         end_s = time.monotonic() + timeout_s
         while True:
             operation = json.loads(self._socket.recv(max(0.0, end_s - time.monotonic())))
@@ -107,7 +107,7 @@ class Client:
         return answer["values"]
 
     def wait_for(self, service):
-        """Wait until the server knows the service: it may not have met the session yet."""
+        """Wait until the server knows the service: it may not have discovered the session yet."""
         until(lambda: service in self.call("/rosapi/services", {})["services"])
 
     def reach(self, action, kind, goal):
@@ -117,7 +117,7 @@ class Client:
 
 @pytest.fixture
 def bus():
-    """A router, and a server of rosbridge."""
+    """Run a router, and a rosbridge server."""
     endpoint = free_endpoint()
     with (
         cardan_subprocess("net", "server", "router", "--endpoint", endpoint),
@@ -128,7 +128,7 @@ def bus():
 
 @contextlib.contextmanager
 def session(endpoint, name="session.toml"):
-    """The session of an example, on the bus; gives a node that looks at it."""
+    """Run the session of an example on the bus; yield an observing node."""
     text = (EXAMPLES / name).read_text(encoding="utf-8")
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -141,7 +141,7 @@ def session(endpoint, name="session.toml"):
 
 
 def lines(heading):
-    """The lines of `ros2` below a heading of the page."""
+    """Return the `ros2` command lines below a heading of the page."""
     page = (EXAMPLES / "README.md").read_text(encoding="utf-8")
     part = page.split(f"\n## {heading}\n")[1].split("\n## ")[0]
     return [shlex.split(line) for line in re.findall(r"^ros2 (.*)$", part, re.MULTILINE)]
@@ -154,7 +154,7 @@ def read_yaml(text):
 
 
 def run_line(words, client, looks):
-    """Do what a line of `ros2` asks for; what cannot be so fails."""
+    """Perform a `ros2` command line; fail if it is invalid."""
     match words:
         case ["node", "list"]:
             until(lambda: ARM in looks.nodes())
@@ -183,7 +183,7 @@ def run_line(words, client, looks):
 
 
 def seen(looks, name, side):
-    """A topic, once that side of it is on the graph: a session appears there piece by piece."""
+    """Return a topic once that side of it is on the graph, where a session appears gradually."""
     return until(lambda: (topic := looks.topics().get(name)) and getattr(topic, side) and topic)
 
 
@@ -193,8 +193,8 @@ def publish(words, client, looks, topic, kind, message, how):
     client.results(0.1)
     once = how == ["--once"]
     client.publish(topic, kind, message, 50.0 if once else float(how[1]), once)
-    # Until its node has been on the bus for 0.3 s, or two of its stamps agree with their arrival,
-    # its commands are refused, as it is told.
+    # Commands are refused until their node has been on the bus for 0.3 s, or two of its stamps
+    # agree with their arrival.
     reported = [
         *dropwhile(
             lambda each: re.search("has been connected|not known yet", each["reason"]),
@@ -223,7 +223,7 @@ def test_the_lines_of_ros2_do_what_the_page_says(bus, heading, name):
 
 @pytest.mark.matrix
 def test_a_device_of_ours_is_one_of_ros(tmp_path):
-    """The session of device.toml, in its own process and with its simulated SpaceMouse."""
+    """The session of device.toml runs in its own process with its simulated SpaceMouse."""
     endpoint = free_endpoint()
     text = (EXAMPLES / "device.toml").read_text(encoding="utf-8")
     (tmp_path / "device.toml").write_text(f'{text}router = "{endpoint}"\n', encoding="utf-8")
@@ -245,7 +245,7 @@ def test_a_device_of_ours_is_one_of_ros(tmp_path):
 
 @contextlib.contextmanager
 def launched_session(folder, name):
-    """`cardan run NAME`, in its folder."""
+    """Run `cardan run NAME` in its folder."""
     process = subprocess.Popen(
         [sys.executable, "-m", "cardan", "run", name, "--seconds", "40"],
         cwd=folder,
@@ -271,7 +271,7 @@ def test_the_layout_shows_what_a_session_publishes(bus):
 
 
 def reported(*command):
-    """Return the output of a program."""
+    """Run a program; return its output."""
     done = subprocess.run(
         [sys.executable, *map(str, command)],
         capture_output=True,
@@ -378,7 +378,7 @@ def test_the_page_moves_the_arm_while_a_button_is_held(bus):
 
 @pytest.fixture
 def made(tmp_path):
-    """Makes a configuration of the example one for this computer."""
+    """Adapt a configuration of the example to this computer."""
     subprocess.run(
         [str(TWO / "certificates"), "127.0.0.1", "operator", "viewer", "stranger"],
         cwd=tmp_path,
@@ -429,14 +429,14 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
         cardan_subprocess("net", "server", "router", "--zenoh-config", viewer),
         session(endpoint(inside)) as here,
     ):
-        # The operator commands, through a router of its own or by itself.
+        # The operator may command, through a router of its own or directly.
         for options in (BusOptions(router=endpoint(operator_port)), client):
             with network_arm(options=options, source="far") as arm:
                 x, y, z, *turn = arm.stat().pose
                 arm.movl([x, y + 0.02, z, *turn])
                 assert arm.wait(timeout_s=10.0), arm.status()
 
-        # The viewer sees everything, latched topics too, and commands nothing.
+        # The viewer sees everything, including latched topics, and commands nothing.
         poses, described = [], []
         options = BusOptions(router=endpoint(viewer_port))
         with BusNetwork(options, "viewer") as looks:
@@ -452,10 +452,10 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
             results = []
             kind = "cardan_msgs/msg/CommandResult"
             here.subscribe(f"{ARM}/result", kind, lambda *each: results.append(each))
-            for _ in range(20):  # Without its preset: each would be refused.
+            for _ in range(20):  # without its preset each command would be refused
                 publisher.publish(b"\0\1\0\0" + bytes(48))
                 time.sleep(0.02)
-            # A command that passes is refused in words, and is the only one.
+            # An admitted command is refused with a reason, and causes the only message.
             own = here.advertise(f"{ARM}/command/twist", "geometry_msgs/msg/Twist", False)
             own.publish(b"\0\1\0\0" + bytes(48))
             until(lambda: results)
@@ -463,12 +463,12 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
         with pytest.raises((MotionLoopError, DriverError)):
             network_arm(options=options).open()
 
-        # Another certificate of the same authority: no message passes.
+        # With another certificate of the same authority, no message passes.
         with BusNetwork(BusOptions(zenoh_config=stranger), "stranger") as looks:
             heard, seen = [], []
             looks.subscribe(f"{ARM}/state/pose", None, lambda *each: heard.append(each))
             here.subscribe(f"{ARM}/state/pose", None, lambda *each: seen.append(each))
-            until(lambda: len(seen) > 50)  # A second of what it would hear.
+            until(lambda: len(seen) > 50)  # 1 s of messages that it would otherwise receive
             assert not heard
             assert ARM not in looks.nodes()
 

@@ -1,4 +1,4 @@
-"""Every server has its command, made of its options; a server serves until it is told to end."""
+"""Every server has a command, generated from its options; it serves until it is told to end."""
 
 import signal
 import subprocess

@@ -1,5 +1,5 @@
-"""`cardan devices share`: what is wrong on its command line is said before anything is opened, and
-what changes while it shares is told once."""
+"""`cardan devices share`: errors of its command line come before it opens anything, and changes
+during sharing are reported once."""
 
 import sys
 from collections import Counter
@@ -33,7 +33,7 @@ def test_what_is_wrong_is_said(tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "robot.toml").write_text(NO_DEVICE, encoding="utf-8")
     command_line = the_command_line()
-    # The log of this process stays as it is.
+    # The log of this process is not changed.
     monkeypatch.setattr(sys.modules["cardan.cli.share"], "begin_serving", lambda *_: None)
     with pytest.raises(ConfigurationError, match=said):
         command_line.main(["devices", "share", *words], standalone_mode=False)

@@ -1,4 +1,4 @@
-"""Signals that end a program are taken as a request, and only where it would have died of them."""
+"""Ending signals count as a request, and only if the program would have died of them."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ from cardan.common.signals import (
 FREE = sorted(
     each for each in ENDING_SIGNALS - {signal.SIGALRM} if signal.getsignal(each) is signal.SIG_DFL
 )
-"""Not the test runner's own: it limits a test's time by SIGALRM."""
+"""Signals without a handler of the test runner, which limits test times by SIGALRM."""
 
 
 def test_every_signal_that_would_end_a_process_is_among_them():
@@ -112,7 +112,7 @@ def test_elsewhere_than_in_the_main_thread_none_is_taken():
 
 
 def unwound(first, second, cleaned):
-    """Be told to end, and told again while that is cleaned up after."""
+    """Receive an ending signal, and a second one during the clean-up."""
     with raised_on_ending():
         try:
             os.kill(os.getpid(), first)

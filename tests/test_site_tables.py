@@ -1,4 +1,4 @@
-"""The site has a table at each marker; the repository's page has a line that says where it is."""
+"""Tables of the site: inserted at each marker; the repository's page has a line in their place."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_no_page_has_a_marker_that_nothing_fills():
 
 
 def tables_of(text):
-    """The lines of each table in a text."""
+    """Return the lines of each table in a text."""
     return [each.strip().splitlines() for each in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)]
 
 
@@ -71,7 +71,7 @@ def test_the_command_of_a_line_is_one(command):
     found = the_command_line()
     while words and not words[0].startswith("--"):
         if not getattr(found, "commands", None):
-            words.pop(0)  # An argument, as the protocol of `conform`.
+            words.pop(0)  # an argument, like the protocol of `conform`
             continue
         found = found.commands[words.pop(0)]
     offered = {option for parameter in found.params for option in parameter.opts}
@@ -81,7 +81,7 @@ def test_the_command_of_a_line_is_one(command):
 @pytest.mark.parametrize("name", docs_tables.ours(peers))
 def test_every_peer_has_its_faults_on_its_page(name):
     if name == "keyboard":
-        return  # It has those of the gamepad.
+        return  # uses those of the gamepad
     title = "serial devices" if name == "spacemouse-serial" else name
     assert TABLES[f"faults of {title}"].page == page_path(peers.load(name).page)
 

@@ -1,4 +1,4 @@
-"""Unix sockets at paths: their owners, access control, and peers that a program trusts."""
+"""Unix sockets at paths: owners, access control, and trusted peers."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class TestAccess:
 
 
 class TestTrust:
-    """Users 7 and 8 are other users; the tests run as one of their own, or as the superuser."""
+    """Users 7 and 8 are others; the tests run as a different user, or as root."""
 
     @pytest.fixture
     def served(self, path):

@@ -1,4 +1,4 @@
-"""Rotations, held against worked values and against each other."""
+"""Rotations, compared with worked values and with each other."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tables become the options that they describe; errors name the whole key and allowed values."""
+"""Tables are converted to options; errors name the whole key and the allowed values."""
 
 from __future__ import annotations
 

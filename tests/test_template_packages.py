@@ -1,5 +1,5 @@
-"""The packages of examples/packages that people copy: each is found once it is installed, its
-simulated peer serves, its driver reads it, its demo runs, and it keeps to what ours keep to."""
+"""Template packages of examples/packages: after installation each is found, its simulated peer
+serves, its driver reads it, its demo runs, and it keeps Cardan's own rules."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FOLDERS = sorted(file.parent for file in PACKAGES.glob("*/pyproject.toml"))
 
 @pytest.fixture(params=FOLDERS, ids=lambda folder: folder.name)
 def package(request, tmp_path, monkeypatch):
-    """A package, installed for this process and for those that it starts."""
+    """Install a package for this process and its children."""
     project = tomllib.loads((request.param / "pyproject.toml").read_text(encoding="utf-8"))
     points = project["project"]["entry-points"]
     sites = (tmp_path / "site", request.param)
@@ -149,7 +149,7 @@ def test_its_demos_run(package):
         seconds = max(4.0, demo.shortest_s)
         code, said = installed.cardan("demo", name, "--seconds", f"{seconds}", sites=())
         assert said.startswith(f"{demo.description}\n")
-        # A busy machine may miss cycles; the robot was moved in any case.
+        # A busy computer may miss cycles; the robot has moved in any case.
         assert (code == 0 and demo.success_message in said) or "cycles were missed" in said, said
         for never in ("never commanded", "no path", "disengaged 1"):
             assert never not in said

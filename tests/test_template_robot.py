@@ -1,4 +1,4 @@
-"""The robot of examples/packages/cardan-rail in virtual time: its axes rest, whatever fails.
+"""Robot of examples/packages/cardan-rail in virtual time: its axes stop after every failure.
 
 The driver, the gateway's controller, the simulated controller and a bad network between them; only
 sockets, threads and clocks are missing. Checks of every template package are elsewhere.
@@ -50,17 +50,18 @@ from cardan_rail.simulated import FAULTS, RailController  # noqa: E402
 SPEED_M_S = 0.1
 ACCELERATION_M_S2 = 1.0
 GRIPS_S, PUSHES_S, FAILS_S, RESTS_S, ENDS_S = 0.4, 0.6, 1.5, 2.7, 4.5
-"""Times when the hand takes the dead-man, deflects the device, when something fails, when the hand
-releases both, and the end."""
+"""Times when the dead-man is pressed, the device is deflected, a fault begins, both are released,
+and the run ends."""
 
 REST_M_S = 0.001
-"""As in tests/fault_benches.py. Lost time is worked off slower than this after the hand let go."""
+"""Same value as in tests/fault_benches.py. After the release, lost time is compensated at a lower
+speed."""
 
 Y = 1
 
 
 class Wire:
-    """The driver's transport: a faulty network, and the simulated controller behind it."""
+    """Driver's transport: a faulty network with the simulated controller behind it."""
 
     def __init__(self, faults=None):
         faults = faults or {}
@@ -68,7 +69,7 @@ class Wire:
         self.to_pc, self.to_rail = FaultyLink(faults, 2, garbage=True), FaultyLink(faults, 3)
         self.now_s = 0.0
         self.killed = False
-        """Nothing leaves the gateway's process any more."""
+        """True once the gateway's process is dead."""
         self.path = []
         self.ready = []
 
@@ -102,7 +103,7 @@ class Wire:
         self.path.append(self.core.positions[Y])
 
     def run_on(self, seconds):
-        """The gateway's process stands still."""
+        """Stop the gateway's process for that time."""
         for _ in range(round(seconds / PERIOD_S)):
             self.pass_cycle()
 
@@ -131,15 +132,17 @@ class WiredRail(Rail):
 
 
 def hand(now_s):
-    """A hand that grips, pushes to the left, and releases."""
+    """Return a device that presses the dead-man, deflects to the left, and releases both."""
     y = 1.0 if PUSHES_S <= now_s < RESTS_S else 0.0
     held = frozenset({"left"} if GRIPS_S <= now_s < RESTS_S else ())
     return DeviceState(now_s, DeviceLink.LIVE, NEUTRAL._replace(y=y), held)
 
 
 def teleoperate(robot, until_s, stall_s=0.0):
-    """Let the hand drive the rail until then; gives the states there were, and the controller. The
-    process stands still for `stall_s` once."""
+    """Let the device move the rail until then; return the states, and the controller.
+
+    The process is stopped once for `stall_s`.
+    """
     tables = {"device": {"driver": "spacemouse"}, "robot": {"driver": "sim_arm"}}
     config = parse_config({**tables, "arm": {"model": "cardan_rail:rail.toml"}})
     controller = controller_for_device(
@@ -193,7 +196,7 @@ def test_a_fault_leaves_it_at_rest(fault):
 
 @pytest.mark.parametrize("fault", ["estop", "restart", "mute"])
 def test_it_does_not_go_on_by_itself(fault):
-    # The hand still pushes when the controller is back.
+    # The device is still deflected when the controller is back.
     wire, states, controller = driven({fault: FAILS_S}, RESTS_S)
     assert wire.rests()
     assert controller.status().trips == 1
@@ -212,7 +215,7 @@ def test_a_killed_gateway_leaves_it_at_rest():
             break
     wire.run_on(1.0)
     assert len(set(wire.path[-62:])) == 1
-    silent_s = BRAKES_AFTER_S + 3.0 * PERIOD_S  # the commands on their way count, too
+    silent_s = BRAKES_AFTER_S + 3.0 * PERIOD_S  # commands in transit count, too
     assert wire.path[-1] - at <= SPEED_M_S * silent_s + SPEED_M_S**2 / (2.0 * 2.0)
     assert wire.hardest_m_s2() <= 2.0 * 1.001
     assert decode_state(wire.ready[-1]).condition is Condition.FOLLOWING
@@ -236,7 +239,7 @@ def test_it_is_left_at_rest_by_leaving_the_loop():
         teleoperate(robot, FAILS_S)
     wire.run_on(0.2)
     assert wire.rests(0.1)
-    # It braked at once, not after 40 ms of silence.
+    # It braked at once, not only after 40 ms of silence.
     assert wire.path[-1] - wire.path[-25] <= SPEED_M_S * 3.0 * PERIOD_S + SPEED_M_S**2 / 4.0
 
 

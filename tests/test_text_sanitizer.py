@@ -1,4 +1,4 @@
-"""Text of others where it leaves for the terminal."""
+"""Third-party text on its way to the terminal."""
 
 from __future__ import annotations
 

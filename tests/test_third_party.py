@@ -1,5 +1,5 @@
-"""Third-party package, installed: its driver, simulated peer and demo are in every list, and
-its demo runs."""
+"""Installed third-party package: every list has its driver, simulated peer and demo, and its demo
+runs."""
 
 from textwrap import dedent
 
@@ -157,7 +157,7 @@ FILES = {
 
 @pytest.fixture
 def cardan(tmp_path):
-    """The command line, with the package installed; gives its output."""
+    """Run the command line with the package installed; return its output."""
     site = tmp_path / "site"
     for name, text in FILES.items():
         file = site / name
@@ -189,7 +189,7 @@ def test_it_is_in_every_list(cardan):
 def test_its_demo_runs(cardan):
     said = cardan("demo", "lever", "--seconds", "4")
     assert said.startswith("simulated lever -> gateway -> simulated UR5\n")
-    # A busy machine may miss cycles; the robot was moved in any case.
+    # A busy computer may miss cycles; the robot has moved in any case.
     assert "the lever lifted the robot" in said or "cycles were missed" in said
     for never in ("never commanded", "no path", "disengaged 1"):
         assert never not in said

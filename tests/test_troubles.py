@@ -1,4 +1,4 @@
-"""Codes of messages: the table, the sources that say the messages, and `cardan explain`."""
+"""Codes of messages: their table, the sources of the messages, and `cardan explain`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.sentences import LONGEST, begun_with_a_pronoun, sentences
 
 TABLE = troubles.troubles()
 WRITTEN = parse_toml(troubles.FILE.read_text(encoding="utf-8"), troubles.FILE)
-"""The same, of each entry all that the file has."""
+"""The same entries with all keys of the file."""
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +64,13 @@ def test_an_entry_says_all(code):
 
 
 def codes_in(text):
-    """Without the quick look that `code_of` begins with."""
+    """Return the codes in a text, without the quick test of `code_of`."""
     sayings = troubles.sayings()
     return {code for words, _, code in sayings if troubles.pattern(words).search(text)}
 
 
 def test_each_of_their_messages_is_said_somewhere(said):
-    together = "\n".join(said)  # Each of which is one line.
+    together = "\n".join(said)  # each is a single line
     unsaid = [
         (code, words)
         for words, _, code in troubles.sayings()
@@ -113,7 +113,7 @@ SHOWN = re.compile(r"^ *cardan(?: \w+)?: (?!WARNING)(\S.*)$", re.MULTILINE)
 
 
 def is_said(words, said):
-    """Whether the sources can say this, the values put in."""
+    """Return whether the sources contain this message, with any values."""
     return any(
         max(parts, key=len) in words and re.search(".*".join(map(re.escape, parts)), words)
         for parts in (text.split(VALUE) for text in said)
@@ -132,13 +132,14 @@ def test_messages_that_pages_show_are_said_and_have_their_codes(said):
     assert len(shown) > 15
     bare = {message: re.sub(r" \[[A-Z]\d{3}\]$", "", message) for message in shown}
     assert {each: troubles.coded(bare[each]) for each in shown} == {each: each for each in shown}
-    # Of a value that is not allowed the rest is a text of its own: what is.
+    # For a disallowed value, the rest is a separate text: the allowed values.
     parts = {each.partition("is not allowed; it must be ")[2] or each for each in bare.values()}
     assert {part for part in parts if not is_said(part, said)} == set()
 
 
 def test_people_are_shown_the_code():
-    """Where no error ends the command: the views of a session and of the daemon."""
+    """Codes are also shown where no error ends the command: in the views of sessions and of the
+    daemon."""
     off = "the motors are off"
     ends = f"{off} [{troubles.code_of(off)}]"
     snapshot = Snapshot.of(

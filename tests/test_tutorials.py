@@ -1,5 +1,5 @@
-"""The tutorials, from the first file to the last command, as a person goes through them who has a
-wheel, an empty folder and nothing else."""
+"""Tutorials from the first file to the last command, for a reader with a wheel, an empty folder and
+nothing else."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """A device at one computer and an arm at the other, as whole programs in two network namespaces:
-what goes wrong between them stops the arm in time, and it moves for nobody who has not asked."""
+faults between them stop the arm in time, and no motion occurs without a request."""
 
 import contextlib
 import json
@@ -41,13 +41,14 @@ LTE = next(network for network in remote.NETWORKS if network.name == "LTE")
 STEP_S, RUN_UP_S, TRIES = 0.02, 0.3, 10
 BRAKING_S = 0.1
 OTHER_WORK_S = 0.5
-"""For a computer that does other things, too: as tests/process_faults has it."""
+"""Allowance for other load of the computer, like in tests/process_faults."""
 REST_M_S = 0.01
-"""In a mean over AVERAGED_S."""
+"""Speed at rest, as a mean over AVERAGED_S."""
 AVERAGED_S = 0.1
 STILL_M = 0.005
-"""The bench's robot obeys at once: where a busy computer answers it a cycle late, it swings about
-the place of its rest by up to 3 mm. At its speed the arm goes this far in 0.05 s."""
+"""Distance that counts as rest. The bench's robot obeys at once: if a busy computer answers a cycle
+late, it oscillates by up to 3 mm about its rest position. At its speed the arm moves this far in
+0.05 s."""
 AGAIN_M = 0.01
 FLOOD = """
 import socket, time
@@ -58,7 +59,7 @@ while time.monotonic() < end_s:
         s.sendto(bytes(1200), ("{to}", 9))
     time.sleep(1 / 30)
 """
-"""Pictures of 16 kB, 30 a second: 3.8 Mbit/s, by what does not slow down."""
+"""Pictures of 16 kB, 30 per second: 3.8 Mbit/s, without congestion control."""
 
 
 @contextlib.contextmanager
@@ -71,7 +72,7 @@ def apart(network, way=remote.TCP):
 
 
 def watched(two, seconds):
-    """Where the arm is, STEP_S after STEP_S."""
+    """Return the arm's position at intervals of STEP_S."""
     path, end_s = [], time.monotonic() + seconds
     while (now_s := time.monotonic()) < end_s:
         path.append((now_s, two.robot.place.cartesian[0]))
@@ -80,7 +81,7 @@ def watched(two, seconds):
 
 
 def set_moving(two, network):
-    """The arm is moving, and has for a while."""
+    """Wait until the arm has moved for a while."""
     two.cell.make_ready(two.robot, network.longest_s)
     for _ in range(TRIES):
         begun = two.robot.place.cartesian[0]
@@ -94,7 +95,7 @@ def set_moving(two, network):
 
 
 def rest(path):
-    """When it was at rest at last, and where; inf: it was not."""
+    """Return the time of rest and the position there; inf: it did not rest."""
     behind = round(AVERAGED_S / STEP_S)
     fast = [
         at
@@ -106,7 +107,7 @@ def rest(path):
         return path[0]
     if fast[-1] == len(path) - 1:
         return math.inf, path[-1][1]
-    # The mean is of what was before.
+    # The mean looks backwards.
     return path[fast[-1] + 1 - behind // 2]
 
 
@@ -161,7 +162,7 @@ FAULTS = {
     "the operator's address changes": (_change_address, LAN, 0.0),
     "a camera fills a link of 2 Mbit/s, TLS": (_flood, LAN, 0.8),
     "a camera fills a link of 2 Mbit/s, QUIC": (_flood, LAN, 0.8),
-    # The flood's program starts, and then fills a queue of 64 kB by 1.8 Mbit/s.
+    # The flood's program starts, and then fills a queue of 64 kB at 1.8 Mbit/s.
     "a camera fills a link of 2 Mbit/s": (_flood, LAN, 0.8),
 }
 
@@ -192,13 +193,13 @@ OTHER_WAYS = """
 mount --bind "$0" /etc/hosts
 exec "$@"
 """
-"""A program's own /etc/hosts."""
+"""Give a program its own /etc/hosts."""
 ROUTER = f"tcp/{{}}:{remote.ROUTER_PORT}"
 GONE = "cannot be reached, and nothing moves the arm: start it again, or mend the network"
 
 
 class Lab(contextlib.ExitStack):
-    """Both computers in a LAN, and the programs that tests end, stop and start anew."""
+    """Both computers in a LAN, with programs that tests end, stop and restart."""
 
     def __init__(self, folder):
         super().__init__()
@@ -220,11 +221,11 @@ class Lab(contextlib.ExitStack):
         )
 
     def name(self, address):
-        """HOST is the name of `address`, at the operator's computer."""
+        """Let HOST resolve to `address` at the operator's computer."""
         self.hosts.write_text(f"127.0.0.1 localhost\n{address} {HOST}\n")
 
     def start(self, computer, *words):
-        """A program at that computer."""
+        """Start a program at that computer."""
         named = ("unshare", "--mount", "sh", "-ec", OTHER_WAYS, str(self.hosts))
         return self.enter_context(Program(*words, at=(*self.both.at(computer), *named)))
 
@@ -250,7 +251,7 @@ class Lab(contextlib.ExitStack):
         self.session = self.start(ROBOT, "run", config)
 
     def end(self, program, signal_number=signal.SIGTERM):
-        """The robot's controller goes on asking until it has ended; its exit code."""
+        """End a program while the robot's controller continues; return its exit code."""
         program.process.send_signal(signal_number)
         return self.code_of(program)
 
@@ -265,13 +266,13 @@ class Lab(contextlib.ExitStack):
             self.cell.wait(STEP_S)
 
     def await_said(self, program, words, after=0):
-        """Words that it says beyond the first `after` characters."""
+        """Wait for words in its output beyond the first `after` characters."""
         self.await_true(lambda: words in (program.out + program.err)[after:], words)
 
 
 @pytest.fixture(scope="module")
 def lan(tmp_path_factory):
-    """A lab whose router has no certificates, for faults that leave it as it was."""
+    """Lab whose router has no certificates, for faults that leave it unchanged."""
     with Lab(tmp_path_factory.mktemp("lan")) as lab:
         lab.start_router("--endpoint", ROUTER.format("0.0.0.0"))
         lab.start_share("--router", ROUTER.format(ADDRESSES[ROBOT]))
@@ -280,7 +281,10 @@ def lan(tmp_path_factory):
 
 
 def assert_moves_by_rearming_alone(lab, fault, *, holds=True):
-    """`fault` yields twice: for how long the arm is watched, to its end."""
+    """Watch the arm during a fault; assert that only re-arming moves it.
+
+    `fault` yields twice: durations of watching, up to the fault's end.
+    """
     set_moving(lab, LAN)
     begun_s = time.monotonic()
     path = watched(lab, next(fault))
@@ -297,7 +301,7 @@ def assert_moves_by_rearming_alone(lab, fault, *, holds=True):
 @pytest.mark.parametrize("stall_s", [0.5, 3.0])
 def test_after_a_link_that_stood_still_nothing_is_caught_up(lan, stall_s):
     def stall():
-        # One stall, now: the next one is when the computer has been on for twice as long.
+        # A single stall, now: the next one would be at twice the computer's uptime.
         now_s = time.monotonic()
         stalled = LAN.link._replace(stall_s=stall_s, stall_every_s=now_s)
         lan.both.set(robot=stalled, operator=stalled)
@@ -349,7 +353,7 @@ def test_the_robots_computer_has_another_address(lan, then):
 
 
 def zenoh_file(folder, mode, endpoints, files):
-    """Zenoh's configuration of a side of a pair, as `cardan net pair` writes it."""
+    """Write Zenoh's configuration for one side of a pair, as `cardan net pair` does."""
     router = mode == "router"
     side, owner = ("listen", "robot") if router else ("connect", "operator")
     settings = zenoh_settings(mode, *((endpoints, ()) if router else ((), endpoints)))
@@ -360,7 +364,7 @@ def zenoh_file(folder, mode, endpoints, files):
 
 
 class Pair(NamedTuple):
-    """A pair's certificates and keys, and Zenoh's files of both sides."""
+    """Certificates and keys of a pair, with Zenoh's files of both sides."""
 
     files: dict[str, Path]
     router: Path
@@ -386,7 +390,7 @@ def pairs(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def secured(tmp_path_factory, pairs):
-    """A lab of two paired computers."""
+    """Lab of two paired computers."""
     with Lab(tmp_path_factory.mktemp("secured")) as lab:
         lab.start_router("--zenoh-config", pairs["ours"].router)
         lab.start_share("--zenoh-config", pairs["ours"].operator)
@@ -424,7 +428,7 @@ def test_the_page_has_what_is_said():
 
 @pytest.fixture(scope="module")
 def refused_ways(tmp_path_factory, pairs):
-    """Options of shares that the router of the pair "ours" refuses, and what they say."""
+    """Options of shares that the router of the pair "ours" refuses, with the messages."""
     folder = tmp_path_factory.mktemp("refused")
     files = pairs["ours"].files
     expired = {**files, "operator": files["expired"]}
@@ -563,7 +567,7 @@ def test_tcp_between_the_computers_sends_anew_what_the_link_loses():
         sent = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True).stdout
         assert server.stdout.read() == sent
         assert both.counts()[ROBOT]["lost"]
-        # Whole frames of the wire's length: 400 kB in fewer would be what offloads make of them.
+        # Frames of the wire's MTU: with offloading, 400 kB would take fewer.
         assert both.counts()[ROBOT]["sent"] >= 400_000 / 1448
         with both.datagrams(ROBOT) as datagrams, pytest.raises(OSError, match="assign"):
             datagrams.bind((ADDRESSES[OPERATOR], 0))

@@ -1,4 +1,4 @@
-"""Values: their conversions, held against the libraries themselves, equality, and JSON."""
+"""Values: conversions compared with the libraries themselves, equality, and JSON."""
 
 import copy
 import enum
@@ -131,7 +131,7 @@ PARTS = {
     "Twist": {"linear": "Vector3", "angular": "Vector3"},
     "Wrench": {"force": "Vector3", "torque": "Vector3"},
 }
-"""Types of the parts of ROS's messages."""
+"""Types of the parts of ROS messages."""
 
 
 def test_rosbags_writes_and_reads_our_messages():
@@ -197,7 +197,7 @@ KINDS = [
 ]  # fmt: skip
 COMMANDS = RobotCommand.__args__
 NO_UNIT = {"x", "y", "z", "w", "roll", "pitch", "yaw", "battery", "rumble", "utilization"}
-"""Numbers without one: shares and deflections, components, whose field says it."""
+"""Numbers without a unit: shares, deflections, and components whose field names it."""
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
@@ -211,7 +211,7 @@ def test_every_number_has_its_unit_in_its_key(kind):
 
 
 def example(hint, *, full):
-    """A value that `hint` allows: with all that it may have, or with as little as it may."""
+    """Return a value that `hint` allows: with all optional parts, or with none."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         return example(inner[0], full=True) if full else None

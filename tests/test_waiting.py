@@ -1,4 +1,4 @@
-"""Acts cut short by a standstill of the computer are repeated; other results count as they are."""
+"""Actions interrupted by a pause of the computer are repeated; other results are final."""
 
 import pytest
 
@@ -9,7 +9,8 @@ PAUSED = "this computer or the network stood still for 0.1 s"
 
 
 def acts(*outcomes):
-    """An act with these outcomes in turn, errors among them, and how often it was done."""
+    """Return an action with these outcomes in sequence, including errors, and the list of its
+    calls."""
     done, left = [], list(outcomes)
 
     def act():

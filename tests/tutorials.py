@@ -1,4 +1,4 @@
-"""The pages of docs/tutorials as a person goes through them: files, terminals, commands.
+"""Reader of docs/tutorials who follows every step: files, terminals, commands.
 
 They are typed as they stand, in an empty folder and an environment that has what the page installs:
 Cardan's wheel, and of its source archive what the page takes from there. `STAND_INS` has what takes
@@ -34,9 +34,9 @@ PAGES = sorted(FOLDER.glob("*.md"))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 OWN_TERMINALS = re.compile(r"\b(terminal of its own|two terminals)\b")
 OF_THE_SOURCES = re.compile(r"\b(?:examples|plugins)/")
-"""Folders of the source archive that a command names."""
+"""Source archive's folders in a command."""
 LONGEST_S = 120.0
-"""Of a command, on a busy machine."""
+"""Time limit of a command on a busy computer."""
 
 UDP_PORT, TCP_PORT, CONSOLE_PORT = "6510", "7447", 8443
 STAND_INS = {
@@ -46,23 +46,23 @@ STAND_INS = {
     "capture.pcap": "made by the test: what is on the wire is shown to the superuser alone",
     "pip": "uv, where it is there: it needs seconds for half a gigabyte",
 }
-"""Stand-ins of the test for parts of the page, each with the reason."""
+"""Substitutes in the test for parts of the page, each with the reason."""
 
 FINDS = re.compile(r"cardan doctor\b")
-"""Ends with 4 where this computer lacks something, or no controller is there."""
+"""Commands that may exit with 4, because this computer lacks something or has no controller."""
 UNTIL_CTRL_C = re.compile(r"cardan run (?!.*--seconds)")
 SERVES = "console http"
 
 
 @dataclass(frozen=True)
 class Step:
-    """A block: a file to write, or commands."""
+    """Block of a page: a file to write, or commands."""
 
     file: str
-    """Its name; empty: commands."""
+    """Name of the file; empty: commands."""
     text: str
     aside: bool
-    """The commands go on while the next steps are taken."""
+    """True if the commands keep running during the next steps."""
 
     @property
     def commands(self) -> list[str]:
@@ -70,7 +70,7 @@ class Step:
 
 
 def steps(page: str) -> Iterator[Step]:
-    """Yield the steps of the page, in its order."""
+    """Yield the steps of the page in its order."""
     end = 0
     for found in BLOCK.finditer(page):
         before = page[end : found.start()].rstrip().split("\n\n")[-1]
@@ -83,10 +83,10 @@ def steps(page: str) -> Iterator[Step]:
 
 
 class Reader:
-    """Environment and folder of a person who reads a page."""
+    """Environment and folder of a page's reader."""
 
     def __init__(self, folder: Path, wheel: Path, sdist: Path) -> None:
-        """Both empty, in `folder`."""
+        """Make both, empty, in `folder`."""
         self.here = folder / "here"
         self.here.mkdir()
         self._sdist = sdist
@@ -110,16 +110,16 @@ class Reader:
         self._pip = [str(uv), "pip"] if uv.exists() else [*pip]
 
     def words(self, command: str) -> list[str]:
-        """The command as a shell starts it."""
+        """Split the command like a shell."""
         first, *others = shlex.split(command, comments=True)
-        # This process looks for a program where its own variables say.
+        # The search for the program uses this process's own PATH.
         program = self._environment / "bin" / first
         if first == "pip":
             return [*self._pip, *others]
         return [str(program) if program.exists() else first, *others]
 
     def run(self, command: str) -> str:
-        """The output of the command, which ends by itself."""
+        """Run a command that ends by itself; return its output."""
         if OF_THE_SOURCES.search(command) and not (self.here / "plugins").exists():
             self._unpack_sources()
         codes = (0, 4) if FINDS.match(command) else (0,)
@@ -140,7 +140,7 @@ class Reader:
         )
 
     def run_until_it_serves(self, command: str) -> str:
-        """The output of the command, which is ended by Ctrl-C."""
+        """Run a command until it serves, and end it by Ctrl-C; return its output."""
         wait_until_free(CONSOLE_PORT)
         with self.start(command) as process:
             try:
@@ -158,7 +158,7 @@ class Reader:
 
     @contextmanager
     def aside(self, command: str, port: int) -> Iterator[None]:
-        """The command running, from when it is ready on."""
+        """Run the command during the block, which starts once it is ready."""
         with self.start(command) as process:
             try:
                 assert process.stdout is not None
@@ -171,7 +171,7 @@ class Reader:
                 process.terminate()
 
     def place_of_cardan(self) -> Path:
-        """Where the environment has it."""
+        """Return the path of Cardan in the environment."""
         said = run(
             self._environment / "bin/python",
             "-c",
@@ -182,7 +182,7 @@ class Reader:
         return Path(said.strip()).relative_to(self._environment)
 
     def _unpack_sources(self) -> None:
-        """The page is read in the repository's folder, too."""
+        """Unpack the folders of the source archive that the pages name."""
         with tarfile.open(self._sdist) as archive:
             for member in archive:
                 _, _, name = member.name.partition("/")
@@ -202,7 +202,7 @@ def wait_for(port: int, process: subprocess.Popen[str]) -> None:
 
 
 def wait_until_free(port: int) -> None:
-    """Wait until nobody listens at that TCP port, which another test may have."""
+    """Wait until no process listens at that TCP port, which another test may have."""
     end_s = time.monotonic() + LONGEST_S
     while listens(port):
         assert time.monotonic() < end_s, f"port {port} stays in use"
@@ -215,14 +215,14 @@ def listens(port: int) -> bool:
 
 
 def write_capture(path: Path) -> None:
-    """A datagram of an ABB controller, as tcpdump writes it."""
+    """Write a datagram of an ABB controller in tcpdump's format."""
     data = EgmController(EgmControllerOptions()).cycle(0.0)
     assert data is not None
     wrpcap(str(path), [Ether() / IP() / UDP(sport=40000, dport=int(UDP_PORT)) / data])
 
 
 def follow(page: Path, reader: Reader) -> Iterator[tuple[str, str]]:
-    """Take every step of the page; each command's line and what it printed."""
+    """Take every step of the page; return each command's line and its output."""
     udp, tcp = free_udp_port(), free_tcp_port()
     text = page.read_text(encoding="utf-8")
     shown = {UDP_PORT: str(udp), TCP_PORT: str(tcp), "0.0.0.0": "127.0.0.1"}

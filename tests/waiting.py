@@ -1,4 +1,4 @@
-"""Bounded waits for other threads and processes, and repetition of acts that were cut short."""
+"""Bounded waits for other threads and processes, and repetition of interrupted actions."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from typing import TypeVar
 from cardan.errors import CardanError
 
 WITHIN_S = 120.0
-"""A machine with other work to do starts processes slowly: at a load of 18, in 30 s."""
+"""Longest wait. A busy computer starts processes slowly: in 30 s at a load of 18."""
 PERIOD_S = 0.002
 
 STOOD_STILL = "stood still for"
-"""In a session's words for why a motion has ended or has not begun: nobody served the arm for
-longer than `stall_s`, as the computer did nothing."""
+"""Text of a session's reason for ended or refused motion: no process served the arm for more than
+`stall_s`, because the computer stood still."""
 MOVES_STILL = "moves already"
-"""Of a robot that follows its last command for a moment."""
+"""Text of a reason while the robot still follows its last command."""
 BRAKES_S = 0.1
 TRIES = 10
-"""Of an act that takes some seconds: a computer that cuts all of them short is none to test on."""
+"""Limit on attempts of an action that takes seconds, each interrupted by a pause of the
+computer."""
 ZERO_PERIOD_S = 0.05
 
 _T = TypeVar("_T")
@@ -36,9 +37,11 @@ def until(found: Callable[[], _T], what: str = "it", within_s: float = WITHIN_S)
 
 
 def done_again(act: Callable[[], _T], reason: Callable[[_T], str] = str) -> _T:
-    """Return the result of `act`. It is repeated while the session says by `reason` of it, or as an
-    error, that it was cut short as the computer stood still, or, after that, that the robot is not
-    at rest yet. Any other words stay as they are."""
+    """Return the result of `act`, repeated if a pause of the computer interrupted it.
+
+    The session reports an interruption by `reason` or in an error. After one, `act` is also
+    repeated while the robot is not at rest. Other results are returned, and other errors raised.
+    """
     said = ""
     for _ in range(TRIES):
         again = (STOOD_STILL, MOVES_STILL) if said else (STOOD_STILL,)
@@ -62,12 +65,12 @@ def until_streamed(
     zero: Callable[[], object],
     what: str,
 ) -> _T:
-    """`until`, of an arm that a program streams to: where it was refused last, as what goes on
-    streaming is after the computer stood still, `zero` has the program send that first."""
+    """Wait with `until` for an arm that a program streams to. After a pause of the computer refused
+    the stream, `zero` lets the program send zero first."""
 
     def streamed() -> _T:
         if outcomes()[-1:] == ["refused"]:
-            zero()  # It may be displaced by the next message, and then it is sent again.
+            zero()  # The next message may replace it; then it is sent again.
             threading.Event().wait(ZERO_PERIOD_S)
         return found()
 

@@ -1,4 +1,4 @@
-"""A robot's description is taken from the bus, or it is said why there is none."""
+"""Robot description read from the bus, and the errors if none arrives."""
 
 import contextlib
 import time
@@ -23,7 +23,7 @@ def message(text):
 
 
 def refused(*messages):
-    """Why there is no text."""
+    """Return the reason why no description arrived."""
     with pytest.raises(ConfigurationError) as raised:
         agreed(TOPIC, NODES, messages)
     assert raised.value.key == "--from-topic"
@@ -66,7 +66,7 @@ def test_topics_have_one_by_default_and_are_checked():
 
 @contextlib.contextmanager
 def publishing(*texts, type_name=TYPE, latched=True):
-    """How to join a bus on which each text is published, by a node for each."""
+    """Publish each text from a separate node; yield options that join their bus."""
     endpoint, retained = free_endpoint(), []
     with contextlib.ExitStack() as opened:
         options = BusOptions(router="", listen=(endpoint,))

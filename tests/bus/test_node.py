@@ -37,7 +37,7 @@ def text(words):
 
 @pytest.fixture
 def bus():
-    """Makes nodes on one bus: the first listens, the others connect to it."""
+    """Factory for nodes on one bus: the first listens, the others connect to it."""
     endpoint = free_endpoint()
     with ExitStack() as stack:
         first = BusNode(BusOptions(router="", listen=(endpoint,)), "robot", "/left")
@@ -82,7 +82,7 @@ def test_messages_arrive_with_their_key_and_attachment(bus):
 def test_leaving_a_bus_that_does_not_answer_is_reported_and_raises_nothing(
     bus, monkeypatch, caplog
 ):
-    """As zenoh does, 10 s after a peer's process was stopped."""
+    """zenoh raises this error 10 s after the process of a peer was stopped."""
     _, join = bus
     user = join()
     session = user._session
@@ -101,7 +101,7 @@ def test_leaving_a_bus_that_does_not_answer_is_reported_and_raises_nothing(
 
 
 def test_who_meets_a_process_that_stands_still_leaves_in_time():
-    """Zenoh gives a connection that is being made 10 s, and ends no session before."""
+    """Zenoh allows 10 s for a connection that is being established, and ends no session before."""
     with socket.create_server(("127.0.0.1", 0)) as still:
         node = BusNode(BusOptions(router=f"tcp/127.0.0.1:{still.getsockname()[1]}"), "user")
         node.open()
@@ -251,7 +251,7 @@ def test_endpoints_come_and_go_on_the_graph(bus):
     until(lambda: not network.services(), "the service's end")
     robot.close()
     until(lambda: "/left/robot" not in network.nodes(), "the node's end")
-    robot.close()  # Twice is fine.
+    robot.close()  # Closing twice is allowed.
 
 
 def test_servers_subscribe_publish_call_and_serve(bus):
@@ -348,7 +348,7 @@ def test_an_attachment_is_what_rmw_zenoh_reads():
 
 
 def test_what_is_seen_on_the_bus_can_be_used_at_once(monkeypatch):
-    """The token, by which others see an endpoint, is declared after the endpoint."""
+    """An endpoint's liveliness token is declared after the endpoint."""
     declared = []
     for name in ("declare_publisher", "declare_subscriber", "declare_queryable", "declare_token"):
         plain = getattr(BusNode, name)

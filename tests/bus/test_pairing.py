@@ -1,5 +1,5 @@
 """Pairing of two computers by a code: the files of each, and the clients that the router then
-admits or refuses."""
+accepts or refuses."""
 
 import contextlib
 import json
@@ -39,7 +39,7 @@ CODE = re.compile(r"[2-9A-Z]{4}-[2-9A-Z]{4}")
 
 @pytest.fixture(autouse=True)
 def state(tmp_path, monkeypatch):
-    """Where this user's programs keep things: here a computer is both, in folders of two names."""
+    """State folder of this user. One computer plays both roles here, in folders of two names."""
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     return tmp_path / "cardan" / "pair"
@@ -50,7 +50,7 @@ def pair_with(host, port, replace, code):
 
 
 def stored(state):
-    """Texts of the files that are kept there."""
+    """Return the texts of the files in that folder."""
     return {
         str(path.relative_to(state)): path.read_text(encoding="utf-8")
         for path in state.rglob("*")
@@ -59,7 +59,7 @@ def stored(state):
 
 
 class Waiting:
-    """The robot's side in a thread."""
+    """The robot's side of the pairing, in a thread."""
 
     def __init__(self, **options):
         self.port = free_tcp_port()
@@ -82,7 +82,7 @@ class Waiting:
         return self
 
     def __exit__(self, *_exception):
-        # Where a test has not paired, it does so that this ends.
+        # A test that did not pair pairs here, to end the thread.
         if self._thread.is_alive() and not self.result:
             with contextlib.suppress(AddressError, ConfigurationError):
                 pair_with("localhost", self.port, True, self.codes[-1])
@@ -283,7 +283,7 @@ def test_a_line_without_end_ends_it():
 
 
 def test_lines_that_come_together_are_read_one_by_one():
-    # The operator's "ready" is there already, where the robot's computer has other work to do.
+    # The operator's "ready" has arrived by then, because the robot's computer was busy.
     here, there = socket.socketpair()
     with here, there:
         there.sendall(b"one\ntwo\nthr")
@@ -294,7 +294,7 @@ def test_lines_that_come_together_are_read_one_by_one():
 
 
 def test_what_was_said_in_time_and_read_too_late_ends_it():
-    # A side that was stopped: the other one has waited for as long, and stored nothing.
+    # This side was stopped: the other one waited as long, and stored nothing.
     here, there = socket.socketpair()
     with here, there:
         there.sendall(b"00\n")
@@ -378,7 +378,7 @@ def test_both_have_their_files_and_the_keys_differ(state):
         assert len(paths) == 3
         assert all(os.path.isfile(each) for each in paths)
 
-    # Paired already: nothing changes but where it is asked for, and then all of it.
+    # Already paired: without --replace nothing changes, with it every file does.
     with pytest.raises(ConfigurationError, match=r"--replace: .* paired already, in .*as-robot"):
         wait_for_operator((HOST, free_tcp_port()), False, [].append, [].append)
     with pytest.raises(ConfigurationError, match=r"--replace: .* paired already, in .*with-127"):
@@ -413,7 +413,7 @@ def test_a_wrong_code_is_refused_three_times_and_then_there_is_another(state):
 def test_another_client_is_refused_meanwhile_and_one_that_stays_away_is_left(state, monkeypatch):
     with Waiting() as robot:
         with socket.create_connection((HOST, robot.port)) as first:
-            assert first.recv(1)  # The robot's side is with this one.
+            assert first.recv(1)  # The robot's side now serves this connection.
             with pytest.raises(AddressError, match="it pairs with another computer"):
                 pair_with(HOST, robot.port, False, robot.codes[0])
         until(lambda: robot.reported)
@@ -431,7 +431,7 @@ def program(home, *words):
 
 
 def pair(folder, *more):
-    """Pair two programs, the operator's with options `more`; their files of Zenoh's."""
+    """Pair two programs, the operator's with the options `more`; return the Zenoh files of both."""
     port = str(free_tcp_port())
     with program(folder / "robot", "net", "pair", "--address", HOST, "--port", port) as robot:
         code = robot.wait_for(r"code (\S+); on the operator's computer: cardan net pair ")[1]
@@ -450,7 +450,7 @@ def pair(folder, *more):
 
 
 def has_datagrams(config):
-    """Whether what need not arrive has a link of its own from a client to its router."""
+    """Return whether data that may be lost has a separate link from a client to its router."""
     with BusNode(BusOptions(zenoh_config=str(config)), "joined") as node:
         links = node._session.info.links()
     assert any(each.reliability == Reliability.RELIABLE for each in links)
@@ -458,7 +458,7 @@ def has_datagrams(config):
 
 
 def may_be_lost(router):
-    """Topics whose publishers say so."""
+    """Return the topics whose publishers allow loss."""
     with BusNode(BusOptions(router=router, mode="client"), "looker") as node:
         watch, found = node.watch_tokens(), {}
 
@@ -489,7 +489,7 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
     config["transport"]["link"]["tls"]["enable_mtls"] = False
     bare = tmp_path / "bare.json5"
     bare.write_text(json.dumps(config), encoding="utf-8")
-    # It trusts the router, and shows what another pair's authority has signed.
+    # This client trusts the router, and presents a certificate of another pair's authority.
     text = stranger.read_text(encoding="utf-8")
     forged = tmp_path / "forged.json5"
     own = str(stranger.parent / "authority.pem")
@@ -503,11 +503,11 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
             with Remote(router=inside, device="mouse", wait_for_device=True):
                 until(lambda: b"used by cardan_device_driver" in share.said["stderr"])
                 assert may_be_lost(inside) == {"/shared/mouse/state", "/shared/mouse/claim"}
-            # By what gives it back: the lease would end a second later, with a word of it.
+            # An explicit release, since an expired lease would come 1 s later and be logged.
             until(lambda: b"not in use" in share.said["stderr"])
             assert b"leases that were not renewed" not in share.said["stderr"]
         assert has_datagrams(client)
-        # Where no UDP gets through.
+        # The same on a network that blocks UDP.
         text = client.read_text(encoding="utf-8")
         by_tls = tmp_path / "tls.json5"
         assert text.count(f"quic/{HOST}:{outside}?mixed_rel=1") == 1

@@ -33,7 +33,7 @@ def router():
 
 @pytest.fixture
 def pair(router):
-    """Two nodes that have met."""
+    """Two connected nodes."""
     options = BusOptions(router=router)
     with BusNode(options, "robot") as robot, BusNode(options, "operator") as operator:
         until(lambda: _connections(robot, operator), "a connection of the two")
@@ -49,16 +49,16 @@ def _port(end):
 
 
 def _connections(one, other):
-    """The ports of each connection between two nodes."""
+    """Return the ports of each connection between two nodes."""
     return [
         {_port(link.src), _port(link.dst)} for link in _links(one) if str(link.zid) == other.zid
     ]
 
 
 def _break(connections):
-    """Shut connections of this process down, as a computer does that was away for long."""
+    """Shut connections of this process down, like those of a computer that was suspended."""
     for number in os.listdir("/proc/self/fd"):
-        with contextlib.suppress(OSError, IndexError):  # It is closed, or no connection of TCP.
+        with contextlib.suppress(OSError, IndexError):  # closed, or not a TCP connection
             if stat.S_ISSOCK(os.fstat(int(number)).st_mode):
                 with socket.socket(fileno=os.dup(int(number))) as each:
                     if {each.getsockname()[1], each.getpeername()[1]} in connections:
@@ -89,7 +89,7 @@ def test_peers_whose_connection_breaks_are_connected_again_and_both_say_so(pair,
         _reported(caplog, f"connection to Zenoh session {each.zid} ({name}) is lost")
         for each, name in ((robot, "/robot"), (operator, "/operator"))
     ]
-    # The quicker one tells the loss and mends it, the other one perhaps before it has looked.
+    # The first to reconnect logs the loss; the other one may not have noticed it by then.
     assert sorted(map(len, lost)) in ([0, 1], [1, 1])
     for each in (robot, operator):
         assert len(_reported(caplog, f"connected to Zenoh session {each.zid} again")) == 1
@@ -141,7 +141,7 @@ def test_a_third_peer_that_goes_is_not_looked_for(pair):
     robot, _ = pair
     zid = THIRD + 24 * "1"
     peers = robot._opened().info.peers_zid
-    # A third peer that listened would stay connected to peers that were just connecting to it.
+    # A third peer that listened would stay connected to peers that were about to connect to it.
     with robot._reconnector._joined("peer", zid):
         until(lambda: zid in map(str, peers()), "a connection to the third peer")
     until(lambda: zid not in map(str, peers()), "its end")
@@ -159,9 +159,9 @@ def test_a_later_loss_is_looked_for_as_soon_as_the_first():
 
 
 def test_one_that_is_found_again_before_it_was_missed_is_worth_a_word(caplog):
-    """Once: one that was never lost is new."""
+    """Only once: a peer that was never lost is new."""
     reconnector = Reconnector(zenoh, Mock(), Mock())
-    reconnector._thread = Mock()  # Nobody looks.
+    reconnector._thread = Mock()  # no search runs
     transport = Mock(whatami=zenoh.WhatAmI.PEER, zid="1f")
     for kind in (zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE, zenoh.SampleKind.PUT):
         reconnector._hear(Mock(transport=transport, kind=kind))

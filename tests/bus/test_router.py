@@ -1,4 +1,4 @@
-"""A router is kept where a session needs one on its own computer, by one process alone."""
+"""Router that sessions on this computer need: exactly one process runs it."""
 
 import socket
 import subprocess
@@ -57,11 +57,11 @@ def test_a_port_is_served_while_somebody_listens():
         with socket.create_connection(address):
             connection, _ = server.accept()
             connection.close()
-    assert not is_served(address)  # Also with what is left of the connection.
+    assert not is_served(address)  # also while the closed connection lingers
 
 
 class FakeProcess:
-    """A router's process, which lives until it is told otherwise."""
+    """Router process that lives until a test ends it."""
 
     def __init__(self, words, **_pipes):
         self.words, self.pid, self.code, self.ended = words, id(self), None, False
@@ -130,7 +130,7 @@ def test_a_router_of_somebody_else_is_left_alone_until_it_has_ended(monkeypatch)
     assert bench.poll() == 0
     bench.served = False
     assert bench.poll() == 1
-    assert bench.poll() == 1  # It takes its time.
+    assert bench.poll() == 1  # a router needs time to start
 
 
 def test_who_comes_second_is_content(monkeypatch, caplog):
@@ -200,7 +200,7 @@ def test_running_routers_are_found_and_those_that_were_killed_are_not(monkeypatc
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     served = {("127.0.0.1", 7450), ("127.0.0.1", 7451)}.__contains__
     assert routers_here(served) == []
-    (tmp_path / "cardan-router-1").write_text("tcp/127.0.0.1:7449")  # Left by one that was killed.
+    (tmp_path / "cardan-router-1").write_text("tcp/127.0.0.1:7449")  # left by a dead process
     (tmp_path / "cardan-router-2").write_bytes(b"\xff no endpoint")
     with announced(["tls/127.0.0.1:7452", "tcp/0.0.0.0:7451"]):
         assert routers_here(served) == ["tcp/127.0.0.1:7451"]

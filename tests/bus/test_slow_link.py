@@ -1,4 +1,4 @@
-"""A link that pictures fill: commands and their answers go ahead of them."""
+"""A link saturated by pictures: commands and their answers overtake them."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ pytestmark = pytest.mark.matrix
 IMAGE, TRIGGER = "sensor_msgs/msg/CompressedImage", "std_srvs/srv/Trigger"
 
 BYTES_PER_S = 500_000.0
-"""4 Mbit/s, of each way."""
+"""4 Mbit/s, each way."""
 
 PIECE, BUFFER_BYTES = 4096, 8192
-"""Bytes: what the slow link takes at once, and its buffers."""
+"""Sizes in bytes: a read of the slow link, and its buffers."""
 
 AHEAD = 200_000
-"""Most bytes of pictures that an answer waits for: a batch of Zenoh, the kernel's buffer, and those
-of the slow link. As the kernel sizes its buffer, they are 2 MB and more."""
+"""Most bytes of pictures that an answer waits for: a batch of Zenoh, the kernel's buffer and those
+of the slow link. With the kernel's default size they are 2 MB and more."""
 
 
 @contextmanager
 def slow_link(port):
-    """A port of this computer, from which a slow link goes to `port`."""
+    """Run a slow link to `port`; return its own port on this computer."""
     listening = socket.create_server(("127.0.0.1", 0))
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     ends = [listening]

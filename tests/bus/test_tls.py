@@ -1,5 +1,5 @@
-"""Messages about a router whose TLS fails: each cause of its own, and nothing of one that is well
-or away."""
+"""Messages about a router whose TLS fails: one for each cause, and none for a router that works or
+is absent."""
 
 import json
 import socket
@@ -19,7 +19,7 @@ REMEDY = ": no message passes; give the file of the present pair (zenoh_config),
 
 
 class Settings:
-    """Zenoh's configuration, as far as it is read."""
+    """Zenoh's configuration, reduced to the keys that are read."""
 
     def __init__(self, endpoints, tls=None):
         self._values = {"connect/endpoints": endpoints, "mode": "client", "transport/link/tls": tls}
@@ -83,7 +83,7 @@ def said_of(router_files, settings, protocol="tls", more=""):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """A handshake that was good ends by the wait for what nobody says."""
+    """Shorten the wait for an alert of the router, which ends a successful handshake."""
     monkeypatch.setattr(tls, "PROBE_S", 0.3)
 
 
@@ -112,7 +112,7 @@ def test_a_configuration_without_certificate_is_reported_that_one_is_asked_for(t
 def test_expired_certificates_are_distinguished(tmp_path):
     ours = pair(tmp_path / "ours", operator_days=0)
     said = said_of(ours, client(ours))
-    # It ends when it was made: no look at a clock between.
+    # The certificate expires as it is made, so that no clock has to advance.
     assert said.startswith(f"the certificate {ours['operator']} has expired on 2")
     theirs = pair(tmp_path / "theirs", robot_days=0)
     said = said_of(theirs, client(theirs))

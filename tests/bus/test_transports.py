@@ -1,4 +1,4 @@
-"""Nodes on other transports than Zenoh are those of plug-ins; one that is missing is told."""
+"""Nodes on other transports than Zenoh come from plug-ins; a missing plug-in is reported."""
 
 import pytest
 
@@ -12,7 +12,7 @@ WORDS = "transport: 'dds' is in the folder plugins/cardan-dds .*: run `pip insta
 
 @pytest.fixture
 def bare(monkeypatch):
-    """As where no plug-in is installed."""
+    """Hide all installed plug-ins."""
     monkeypatch.setattr(transports.FINDER, "_installed", list)
 
 

@@ -1,4 +1,4 @@
-"""Of two nodes with one name only one takes commands, whichever of them met the other first."""
+"""Two nodes with one name: only one takes commands, whichever met the other first."""
 
 from collections import deque
 
@@ -13,7 +13,7 @@ NAME = "/left/arm"
 
 
 class Bus:
-    """Liveliness tokens, and who watches them: as Zenoh has them, by prefix alone."""
+    """Liveliness tokens and their subscribers, matched by prefix alone like in Zenoh."""
 
     def __init__(self):
         self.tokens, self.watches = {}, []
@@ -45,7 +45,7 @@ class Watch:
 
 
 class Node:
-    """A node that has joined; it appears with `appear`, and is gone with `leave`."""
+    """A node that has joined; `appear` declares its token, and `leave` removes it."""
 
     namespace, name, full_name, options = "/left", "arm", NAME, BusOptions()
 
@@ -108,7 +108,7 @@ def test_a_name_that_is_free_is_taken_after_a_look(bus):
 
 def test_who_comes_second_does_not_begin_and_says_who_has_the_name(bus):
     _, first = begun(bus, "b1")
-    _, second = joined(bus, "a1")  # Its id is the smaller one: who was first counts.
+    _, second = joined(bus, "a1")  # The id is smaller, but the first node keeps the name.
     clock = Clock()
     with pytest.raises(ConfigurationError, match=rf"another node on \S+ has the name {NAME}") as no:
         second.wait(clock, clock.sleep)

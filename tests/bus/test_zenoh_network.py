@@ -1,4 +1,4 @@
-"""Nodes that share a session of Zenoh come and go each for itself."""
+"""Nodes that share a Zenoh session appear and leave independently."""
 
 import itertools
 import threading
@@ -62,7 +62,7 @@ def test_a_subscription_hears_every_revision_of_its_type_once(pair):
     numbers = itertools.count()
 
     def both_are_heard():
-        # That there is a subscriber may be known before its data finds the way to it.
+        # A subscriber may be known before data is routed to it.
         number = next(numbers)
         old.publish(b"old %d" % number)
         new.publish(b"new %d" % number)

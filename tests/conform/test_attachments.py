@@ -1,4 +1,4 @@
-"""A capture that readers of captures take, and a record with every byte."""
+"""Attachments of a conformance report: a capture for dissectors, and a record with every byte."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ OF_OUR_OWN = {"ur-rtde": {"UR-003", "UR-007", "UR-015", "UR-027", "UR-103"}}
 """Requirements that only the scenario's second and third client test."""
 
 SOURCE, DESTINATION = 16 + 20, 16 + 22
-"""Where the ports are in a packet with its head."""
+"""Offsets of the ports in a packet with its record header."""
 
 FAULTS = [
     ("egm", "", set()),
@@ -100,7 +100,8 @@ def test_the_capture_of_a_right_controller_passes_what_needs_nobody_to_ask(tmp_p
 
 
 def packets_of(path):
-    """The head of a capture that --save wrote, and its packets with their heads."""
+    """Return the header of a capture that --save wrote, and its packets with their record
+    headers."""
     data = path.read_bytes()
     at, packets = 24, []
     while at < len(data):
@@ -112,7 +113,7 @@ def packets_of(path):
 
 @pytest.fixture
 def driver_without_a_stop(tmp_path):
-    """A capture of a driver that starts motion without stopping the one before."""
+    """Capture of a driver that starts motion without stopping the previous one."""
     return recorded(tmp_path, "motoros-driver", {"no-stop": 1.0})[1]
 
 
@@ -136,7 +137,7 @@ def test_of_a_connection_that_lacks_bytes_no_failure_is_judged(last, driver_with
     path = driver_without_a_stop
     head, packets = packets_of(path)
     if last:
-        # The last packet before a connection was closed: nothing comes after it.
+        # The last packet before the close of a connection; nothing follows it.
         end = next(n for n, each in enumerate(packets) if each[16 + 33] & 0x01)
     else:
         end = len(packets) // 2
@@ -160,7 +161,7 @@ def test_of_datagrams_that_were_cut_no_failure_is_judged(tmp_path):
 
 
 def test_what_a_capture_of_datagrams_begins_with_fails_nothing(tmp_path):
-    """Its first answer is of a session that may have begun long before."""
+    """The first answer in it may belong to a session that began long before."""
     path = recorded(tmp_path, "joint-stream-driver", seconds=0.5)[1]
     head, packets = packets_of(path)
     path.write_bytes(head + b"".join(packets[40:]))
@@ -227,7 +228,7 @@ def test_a_candump_log_is_judged(tmp_path):
 
 
 def test_a_capture_of_a_real_controller_is_judged():
-    """The state port's connection, and that of motion, were open before it began."""
+    """Connections to the state port and the motion port were open before the capture began."""
     path = require(MOTOMAN)
     found = verdicts(path, "motoros")
     assert not failures(found)
@@ -308,17 +309,19 @@ def test_of_two_controllers_one_must_be_chosen(tmp_path):
 
 
 def moved(packet, at, value):
-    """A packet with another port or (one byte) another last byte of an address."""
+    """Return a packet with another port, or with another last byte of an address if given one
+    byte."""
     return packet[:at] + value + packet[at + len(value) :]
 
 
 def at_a_time(packets, others):
-    """Two clients' packets, in turn."""
+    """Interleave the packets of two clients."""
     return b"".join(packet for both in zip(packets, others, strict=True) for packet in both)
 
 
 def of_two_controllers(folder, port=b"\x12\x34"):
-    """A capture of one of EGM, with its packets, and those of one beside it behind its host."""
+    """Return a capture of one EGM controller, and one with a second controller added behind its
+    host."""
     _, path = recorded(folder, "egm", seconds=1.0)
     head, packets = packets_of(path)
     known = registry.load("egm").transport.ports[""].to_bytes(2, "big")
@@ -403,7 +406,7 @@ def test_a_port_scan_changes_no_verdict(name, tmp_path):
     head, packets = packets_of(path)
     opened = [each for each in packets[:3] if each[16 + 33] & 0x02]
     assert len(opened) == 2
-    # A whole connection, which stays open, before that of the client.
+    # A complete connection that stays open, before the client's own.
     scan = [
         moved(opened[0], 16 + 15, b"\x09"),
         moved(opened[1], 16 + 19, b"\x09"),
@@ -430,7 +433,7 @@ def test_damaged_files_are_named(tmp_path):
 
 
 def of_usb(path, timeline, devices=(5,)):
-    """Write the reports of a timeline as usbmon has them, of each of these devices."""
+    """Write the reports of a timeline in usbmon's format, for each of these devices."""
 
     def urb(data, device, *, event=b"C", transfer=1, endpoint=0x81, setup=b"", number=1):
         head = struct.pack("<QcBBBHBB", number, event, transfer, endpoint, device, 1, not setup, 0)
@@ -499,7 +502,7 @@ def test_without_the_plug_in_it_says_what_to_install(monkeypatch, tmp_path):
 
 
 def run(*words):
-    """The command in this process: its exit code."""
+    """Run the command in this process; return its exit code."""
     try:
         return app(["conform", *words], standalone_mode=False) or 0
     except SystemExit as raised:
@@ -518,7 +521,7 @@ def test_the_command_reports_in_every_form_and_keeps_it(tmp_path, capsys):
     assert run(*words, "--format", "json", "--save", str(folder)) == 4
     report = read(capsys.readouterr().out, "the report")
     assert (report.target, report.simulated, report.failed) == ("capture.pcap", False, ("JS-103",))
-    # Its own capture has the times of the one that was judged.
+    # The saved capture has the times of the judged one.
     assert (
         packets_of(folder / "capture.pcap")[1][0][:8]
         == packets_of(tmp_path / "capture.pcap")[1][0][:8]

@@ -1,4 +1,4 @@
-"""Verdicts on drivers that end, and on references that jump."""
+"""Verdicts on drivers that exit, and on references that jump."""
 
 from __future__ import annotations
 

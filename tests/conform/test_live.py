@@ -25,7 +25,7 @@ def test_a_controller_is_judged_over_tcp():
         report, timeline = run.at(suite, "127.0.0.1", Level.LISTEN, reported.append, seconds=1.5)
     assert timeline.end_s >= 0.5
     outcomes = {each.id: each.outcome.value for each in report.results}
-    # Not those of times: this computer may stand still at any moment.
+    # Requirements on timing are left out: this computer may stand still at any moment.
     for requirement in ("MOTO-001", "MOTO-002", "MOTO-005", "MOTO-006", "MOTO-007", "MOTO-009"):
         assert outcomes[requirement] == "passed", report.as_text()
     assert not report.simulated
@@ -47,13 +47,13 @@ def test_a_target_without_a_port_after_its_colon_is_refused(target):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's stamps are Linux's")
 def test_a_datagram_is_stamped_when_it_comes_not_when_it_is_read():
-    """The judge that is late takes its own lateness for nobody's pause."""
+    """A late reader must not report its own delay as a pause of the sender."""
     from cardan.conform.transports import UdpPort
 
     wire = UdpPort("127.0.0.1", 0, listens=True).open("")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         port = wire._socket.getsockname()[1]
-        # The kernel begins a little after it is asked to; until then it stamps what is read.
+        # Kernel timestamps begin a little after their request; until then the read sets the stamp.
         for _ in range(3000):
             sender.sendto(b"", ("127.0.0.1", port))
             time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""Clients of MotoROS: our own in its other modes, and over real sockets."""
+"""MotoROS clients: Cardan's driver in its other modes, and over real sockets."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_our_driver_is_judged_over_real_sockets(monkeypatch):
         ended.set()
         thread.join()
     found = {each.id: each.outcome.value for each in report.results}
-    # Not those of times: this computer may stand still at any moment.
+    # Requirements on timing are left out: this computer may stand still at any moment.
     for number in (101, 102, 105, 106, 107, 108, 109, 111, 140, 141, 143, 145, 156, 160):
         assert found[f"MOTOPC-{number}"] == "passed", report.as_text()
     from cardan.conform.attachments import pcap

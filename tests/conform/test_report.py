@@ -1,4 +1,4 @@
-"""Reports in all forms, read back, compared, and without users' private data."""
+"""Reports in all formats, read back, compared, and without users' private data."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ from cardan.errors import ConfigurationError
 
 
 def easier(first, second):
-    """Ids of the requirements where a simulated peer is easier than the real thing."""
+    """Return the ids of the requirements that a simulated peer meets more easily than real
+    hardware."""
     marks = compare(first, second)
     return tuple(each.id for each in marks if each.remark.startswith("THE SIMULATED PEER"))
 

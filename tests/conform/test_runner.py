@@ -1,4 +1,4 @@
-"""A scenario, run by times and events."""
+"""A scenario, driven by times and events."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from cardan.conform.requirements import (
 
 
 class Echo(Scenario):
-    """Opens a wire, waits for messages, at most a second, and answers everything twice."""
+    """Scenario that waits for a message for at most 1 s, and answers each one twice."""
 
     heard = False
 
@@ -124,7 +124,7 @@ def test_a_number_of_a_requirement_is_given_once():
 
 
 def judged(wrong, count, **options):
-    """The verdict on that many numbered things, of which the first `wrong` are wrong."""
+    """Return the verdict on `count` numbered items, of which the first `wrong` are wrong."""
     requires = Requirements("X")
     things = [SimpleNamespace(number=n, why="odd" if n < wrong else "") for n in range(count)]
     requires.each(101, "", Over(lambda decoded: decoded, "{} things, {} odd", "things", **options))(

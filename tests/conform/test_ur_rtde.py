@@ -1,5 +1,5 @@
-"""The suite of Universal Robots controllers: a CB3, local control, other people's programs, and
-real sockets."""
+"""Suite of Universal Robots controllers: a CB3, local control, third-party programs, and real
+sockets."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OTHER = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
 
 def test_it_asks_for_what_our_driver_asks_for():
-    """The suite does not import the driver, and judges the features that the driver needs."""
+    """The suite does not import the driver, and checks the features that the driver needs."""
     options = UrRtdeOptions()
     assert scenario.STATES == feed.STATES
     assert options.servoing == scenario.SERVOING
@@ -99,7 +99,7 @@ def test_in_local_control_no_program_is_sent():
 
 
 class _Busy(UrSimulation):
-    """Simulation on which another client's program runs from the beginning."""
+    """Simulation on which another client's program runs from the start."""
 
     def run(self):
         self._servers.advance(0.0)
@@ -143,7 +143,7 @@ def test_a_controller_is_judged_over_tcp():
         suite.wires = lambda target: TcpPorts(target, ports | rtde)
         report, _ = run.at(suite, "127.0.0.1", Level.LISTEN, reported.append, seconds=1.5)
     found = outcomes(report)
-    # Not those of times: this computer may stand still at any moment.
+    # Requirements on timing are left out: this computer may stand still at any moment.
     for number in (1, 2, 3, 4, 6, 7, 11, 16, 17, 18, 21, 23, 24, 25, 26, 28, 30, 32, 33):
         assert found[f"UR-{number:03}"] is VerdictOutcome.PASSED, report.as_text()
     assert not report.simulated

@@ -1,4 +1,5 @@
-"""Every simulated peer meets the requirements of its protocol, and every fault of it is caught."""
+"""Each simulated peer meets the requirements of its protocol, and a requirement catches each
+fault."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ def test_a_peer_without_faults_meets_every_requirement(suite):
 
 @pytest.mark.parametrize("suite", SUITES)
 def test_every_fault_is_caught_by_a_requirement_or_is_undetectable(suite):
-    """And the table has it so: one test, as it takes some seconds to compute."""
+    """The committed table is compared in the same test, because its computation takes seconds."""
     for each in tables.tried(suite):
         assert bool(each.caught) != bool(each.why_not), each
     written = of_suite(suite).read()

@@ -1,4 +1,4 @@
-"""The console's demo: the page waits for a user, who need not come."""
+"""The console's demo: its page waits for a user, and the demo ends without one."""
 
 import os
 import shutil
@@ -12,8 +12,10 @@ from cardan.gateway.session.session import EXIT_OK
 
 
 def demo(seconds, tmp_path, path, *packages):
-    """Return the output of ``cardan demo console`` and its exit code. Programs are found by `path`,
-    Python's packages in the folders `packages` before all others."""
+    """Return the output of ``cardan demo console`` and its exit code.
+
+    `path` replaces PATH; the folders in `packages` come first in Python's module path.
+    """
     done = subprocess.run(
         [sys.executable, "-m", "cardan", "demo", "console", "--seconds", str(seconds)],
         capture_output=True,
@@ -47,14 +49,14 @@ def test_the_page_waits_for_a_person_and_says_where(tmp_path, encrypted):
         if openssl is None:
             pytest.skip("openssl is not installed (Debian package openssl)")
         (programs / "openssl").symlink_to(openssl)
-    # Where this package is there it makes certificates, too.
+    # With this package installed, the console makes certificates, too.
     (packages / "cryptography.py").write_text("raise ImportError\n")
     code, said = demo(15, tmp_path, str(programs), str(packages))
     assert code == EXIT_OK, said
     assert "nobody moved the arm" in said
     assert "server console: http" in said
     assert "open the page, press *Enable motion*" in said
-    # The address for a phone's camera, where a phone may come.
+    # The QR code of the address appears only if phones may connect.
     assert (said.count("█") > 50) is encrypted
     assert ("certificate SHA-256" in said) is encrypted
     assert ("for this computer alone" in said) is not encrypted

@@ -1,4 +1,4 @@
-"""The demos: the programs that they join, and the faults that they report."""
+"""The demos: programs that they start, and faults that they report."""
 
 import contextlib
 import re
@@ -204,13 +204,13 @@ def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys
 
 
 class Served:
-    """A server."""
+    """Stand-in for a server."""
 
     before, endpoint = (), "http://127.0.0.1:8443"
 
 
 def pretend(monkeypatch, last):
-    """A session that ends with this snapshot; nothing runs."""
+    """Replace the session by one that ends with this snapshot and runs nothing."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
     monkeypatch.setattr(demo, "with_server", lambda *_: contextlib.nullcontext(Served()))
     monkeypatch.setattr(demo, "supervise", lambda *_, **__: SessionExit(EXIT_OK, last))
@@ -223,7 +223,7 @@ def test_what_found_fault_with_is_said(monkeypatch, capsys):
 
 
 class StoodStill:
-    """Pauses of a computer that stood still."""
+    """Pause detector with given pauses."""
 
     longest_s = 0.13
 
@@ -292,7 +292,7 @@ def test_what_a_demo_launches_serves_what_its_configuration_has():
 
 @pytest.mark.matrix
 def test_a_server_is_served_beside_the_session_for_all_clients(capsys):
-    """Nobody does."""
+    """No client connects here."""
     assert run_demo(5.0, "ros2") == EXIT_OK
     said = capsys.readouterr().out
     assert re.search(r"server rosbridge: ws://127\.0\.0\.1:\d+", said)

@@ -1,4 +1,4 @@
-"""Example files: those that run without hardware say how, and it can be done."""
+"""Example files: each one that needs no hardware states its commands, and these work."""
 
 import re
 import shlex
@@ -25,7 +25,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMOS = find_demos()
 RUNS = re.compile(r"(?:daemon )?run (examples/|\S+-simulated\.toml)")
 NO_DEMO = {
-    # It needs a program that simulates nothing: one that commands the arm.
+    # Needs a client that simulates nothing: a program that commands the arm.
     "verbs-ur5-simulated.toml",
 }
 
@@ -72,17 +72,17 @@ def test_the_head_of_a_demo_says_the_same_commands(name):
     for words in by_hand:
         given = [flags(each) for each in launched if called(each) == called(words)]
         for flag, value in flags(words).items():
-            if flag != "--keyboard":  # of a person, in place of a script
+            if flag != "--keyboard":  # a person's input, in place of a script
                 assert any("{" in each[flag] or each[flag] == value for each in given)
 
 
 def called(words):
-    """The command, without its options."""
+    """Return the command without its options."""
     return words[: 1 if words[0] == "run" else 2]
 
 
 def flags(words):
-    """The options of a command with the word after each; empty where that is an option."""
+    """Return the options of a command with the word after each; empty if that is an option."""
     return {
         word: "" if after.startswith("--") else after
         for word, after in zip(words, [*words[1:], "--"], strict=True)

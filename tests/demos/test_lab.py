@@ -1,4 +1,4 @@
-"""The demo of a lab: its refusals, the faults that it reports, and its clean-up."""
+"""Lab demo: refusals, reported faults, and clean-up."""
 
 import os
 import signal
@@ -26,7 +26,7 @@ STARTS_WITHIN_S = 150.0
 
 
 class Served:
-    """A daemon that nobody started."""
+    """Stand-in for a daemon that is already up."""
 
     endpoint, code, complaints = "", EXIT_OK, ""
 
@@ -38,7 +38,7 @@ class Served:
 
 
 class Failed(Served):
-    """Process that has ended by itself."""
+    """Process that has exited by itself."""
 
     code, complaints = 3, "another one has the socket"
 
@@ -51,7 +51,7 @@ def seen(**values):
 
 
 class FakeClient:
-    """Status from a daemon about an arm that is there and has moved."""
+    """Stand-in for a client of the daemon, with the status of an arm that has moved."""
 
     def __init__(self, _path):
         pass
@@ -68,7 +68,7 @@ class FakeClient:
 
 @pytest.fixture
 def changed(tmp_path, monkeypatch):
-    """A demo whose file is another one; what it launches is not started."""
+    """Replace the demo's file by another one; none of its programs are started."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
     monkeypatch.setattr(demo, "CardanSubprocess", Served)
 
@@ -135,7 +135,7 @@ def test_a_robot_that_was_there_counts_as_there():
 
 @pytest.fixture
 def quick(monkeypatch):
-    """A lab whose arms are there at once; nothing runs."""
+    """Stand-ins for the lab's programs, whose arms are up at once."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
     monkeypatch.setattr(demo, "CardanSubprocess", Served)
     monkeypatch.setattr(demo, "ControlClient", FakeClient)
@@ -167,7 +167,7 @@ def test_a_daemon_that_fails_is_found_fault_with(quick, monkeypatch, capsys):
 
 @pytest.mark.matrix
 def test_it_runs_and_leaves_nothing():
-    with tempfile.TemporaryDirectory() as folder:  # Names of sockets are short.
+    with tempfile.TemporaryDirectory() as folder:  # socket paths have to be short
         done = subprocess.run(
             [sys.executable, "-m", "cardan", "demo", "lab", "--seconds", "15"],
             env=ENVIRONMENT | {"TMPDIR": folder},

@@ -1,4 +1,4 @@
-"""How a pause of this computer is noticed."""
+"""Detection of pauses of this computer."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from cardan.demos.pauses import LOOKED_EVERY_S, Pauses
 
 
 class Clock:
-    """A clock of its own, and sleeps that take longer by what is said; then the block ends."""
+    """Virtual clock whose sleeps overrun by the given times; after the last one the watch ends."""
 
     def __init__(self, late_s):
         self.now_s = 100.0
@@ -24,7 +24,7 @@ class Clock:
 
 
 def watched(monkeypatch, late_s):
-    """Return the longest pause noticed on one processor whose sleeps are late by `late_s`."""
+    """Return the longest pause detected on one processor whose sleeps overrun by `late_s`."""
     clock = Clock(late_s)
     monkeypatch.setattr(pauses, "time", clock)
     monkeypatch.setattr(pauses, "_processors", lambda: [set()])

@@ -1,4 +1,4 @@
-"""Unattended demos move a robot: they run only configurations that are simulated throughout."""
+"""Safety of unattended demos: they run only configurations that are simulated throughout."""
 
 import shlex
 from dataclasses import dataclass
@@ -275,7 +275,7 @@ def test_a_device_inside_a_launched_program_is_of_that_peer(tmp_path):
 
 
 def test_a_flag_takes_no_program_for_its_value():
-    # Joined, `--library cardan` is a value that the flag refuses, and never a program.
+    # Joined to its flag, `cardan` is a value that the flag refuses, and never a program.
     words = ["sim", "omni", "--library", "cardan"]
     assert check_words(DEMOS["omni"], "launcher", words) == ["sim", "omni", "--library=cardan"]
 
@@ -296,7 +296,7 @@ class DeclaredStick(Stick):
 
 
 class InheritingStick(DeclaredStick):
-    """It may reach its hardware otherwise than its base class."""
+    """A device whose access to hardware may differ from its base class."""
 
 
 class MisspelledStick(Stick):

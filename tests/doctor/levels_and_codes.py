@@ -1,10 +1,10 @@
-"""Requirements for the findings of all checks."""
+"""Checks of the form of findings, common to all tests of the doctor."""
 
 from cardan.doctor.base import Finding, FindingLevel
 
 
 def levels_and_codes(check, findings):
-    """The findings' levels and codes, in their order; each is well formed."""
+    """Return the levels and codes of findings in their order; check the form of each."""
     found = [findings] if isinstance(findings, Finding) else list(findings)
     for each in found:
         assert each.code in check.tells, f"{check.__name__} does not declare {each.code!r}"

@@ -1,4 +1,4 @@
-"""Controllers that are listened to, or connected to, and never told anything."""
+"""Controllers: the doctor listens or connects to them, and never commands them."""
 
 import errno
 import socket
@@ -38,7 +38,7 @@ def test_what_drivers_use():
     assert listens[:5] == ("udp", "127.0.0.1", 6599, True, "127.0.0.2")
     (state,) = Motoros(host="127.0.0.3").endpoints()
     assert state[:4] == ("tcp", "127.0.0.3", 50241, False)
-    assert egm.endpoints() == (listens,)  # two users of one are looked at once
+    assert egm.endpoints() == (listens,)  # two users of one are examined once
     assert SimArm().endpoints() == ()
 
 
@@ -152,7 +152,7 @@ def test_silence_and_ports_that_cannot_be_had():
         shared: Heard(error=errno.EADDRNOTAVAIL),
     }
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
-        again.bind(("127.0.0.1", quiet.port))  # It was closed.
+        again.bind(("127.0.0.1", quiet.port))  # the doctor has closed it
 
 
 @pytest.mark.matrix

@@ -1,4 +1,4 @@
-"""The daemon, as the doctor sees it."""
+"""Findings about the daemon."""
 
 from pathlib import Path
 

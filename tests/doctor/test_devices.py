@@ -1,4 +1,4 @@
-"""Devices that can be opened or not, their rules, and other processes that have them."""
+"""Devices: access rights, udev rules, and other processes that have them open."""
 
 from cardan.doctor.base import Subject, Used
 from cardan.doctor.devices import (

@@ -1,4 +1,4 @@
-"""All checks together, and the report on them; nothing in a report names a person or a device."""
+"""All checks together and their report, which names no person and no device."""
 
 import json
 import socket

@@ -1,4 +1,4 @@
-"""Files as the doctor reads them: an error in one hides nothing of the others."""
+"""Findings about files: an error in one hides no finding about the others."""
 
 from cardan.doctor.base import Subject
 from cardan.doctor.files import Files, read_files

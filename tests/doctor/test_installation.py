@@ -1,4 +1,4 @@
-"""Packages and extras, plug-ins."""
+"""Findings about packages, extras and plug-ins."""
 
 import pytest
 

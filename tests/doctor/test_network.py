@@ -1,4 +1,4 @@
-"""The bus of the files: the nodes on it, and the behavior of this shell's ROS 2 programs."""
+"""Findings about the bus that the files name: its nodes, and ROS 2 settings of this shell."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Ports in use, by whom, as /proc/net has it."""
+"""Ports in use and their owners, from /proc/net."""
 
 import socket
 import sys

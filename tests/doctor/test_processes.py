@@ -1,4 +1,4 @@
-"""Open files of processes, by a /proc of the test's own."""
+"""Open files of processes, in a /proc that the test provides."""
 
 from cardan.doctor.processes import holders, named
 

@@ -1,4 +1,4 @@
-"""Servers: tokens, certificates, names."""
+"""Findings about servers: tokens, certificates, names."""
 
 import datetime
 

@@ -1,4 +1,4 @@
-"""Scheduling, memory, frequency, clock and load, as the kernel reports them."""
+"""Scheduling, memory, frequency, clock and load, from the kernel's files."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Datagrams as a controller sends them, for the tests of the EGM driver."""
+"""Simulated EGM controller's datagrams, for tests of the EGM driver."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ORIENTATION = Quaternion(0.5, 0.0, math.sqrt(0.75), 0.0)
 
 
 class Controller:
-    """Numbers and stamps datagrams; every part of them can be replaced."""
+    """Numbers and stamps datagrams; tests can replace every part of them."""
 
     def __init__(self, seqno: int = 0, clock_us: int = 1_700_000_000_000_000) -> None:
         self.seqno = seqno
@@ -41,10 +41,10 @@ class Controller:
         self.mci: int | None = MCIState.RUNNING
         self.rapid: int | None = RapidState.RUNNING
         self.fields: dict[str, Any] = {}
-        """Other fields of EgmRobot."""
+        """Further fields of EgmRobot, by name."""
 
     def message(self) -> EgmRobot:
-        """The next message; one period passes."""
+        """Return the next message; one period passes."""
         motion = EgmMotion(
             joints=tuple(self.joints),
             cartesian=EgmPose(self.position, self.orientation),
@@ -66,11 +66,11 @@ class Controller:
         return EgmRobot(**(parts | self.fields))
 
     def datagram(self) -> bytes:
-        """The next message as it travels."""
+        """Return the next message, encoded."""
         return encode_robot(self.message())
 
     def follow(self, answer: bytes) -> EgmSensor:
-        """Be where the PC wants the robot."""
+        """Move to the planned joints or pose of a command; return the command."""
         sensor = sensor_of(answer)
         if sensor.planned is not None:
             if sensor.planned.joints is not None:
@@ -82,14 +82,14 @@ class Controller:
 
 
 def sensor_of(answer: bytes) -> EgmSensor:
-    """The PC's message."""
+    """Decode the message from the PC."""
     sensor = decode_from_pc(answer)
     assert isinstance(sensor, EgmSensor)
     return sensor
 
 
 def speeds_of(answer: bytes) -> tuple[float, ...] | None:
-    """The speed reference in the PC's message, rad/s, or m/s and rad/s."""
+    """Return the speed reference in the PC's message, rad/s, or m/s and rad/s."""
     speed_ref = sensor_of(answer).speed_ref
     if speed_ref is None:
         return None

@@ -25,7 +25,7 @@ def describe(model):
 
 
 class Bench:
-    """A simulated device wired to a core; `mangle` turns a packet into those that arrive."""
+    """Simulated device wired to a core; `mangle` maps a packet to those that arrive."""
 
     def __init__(
         self, model="xbox-360", options=None, faults=None, mangle=None, touched=True, **settings
@@ -38,9 +38,9 @@ class Bench:
             self.core = KeyboardCore(options or KeyboardOptions(ramp_s=0.0))
         self.mangle = mangle or (lambda packet: [packet])
         self.answers = True
-        """Whether the device answers queries of its state."""
+        """True if the device answers queries of its state."""
         self.read = True
-        """Whether the reader runs."""
+        """True if the reader runs."""
         self.now_s = 0.0
         self.states = []
         self._arrived = []
@@ -63,7 +63,7 @@ class Bench:
         self.core.on_opened(describe(self.model), self.snapshot(), self.now_s)
 
     def run(self, seconds, controls=None):
-        """Hold the sticks and triggers at `controls`; the state at the end."""
+        """Hold the sticks and triggers at `controls`; return the last state."""
         if controls is not None:
             self.device.set_controls(controls)
         end_s = self.now_s + seconds - 1e-9
@@ -88,7 +88,7 @@ class Bench:
         return self.states[-1]
 
     def touch(self):
-        """Let the driver hear of it."""
+        """Press and release a key: the first frame that the driver receives."""
         label = "start" if self.model.is_gamepad else "left-shift"
         self.press(label)
         state = self.release(label)

@@ -1,4 +1,4 @@
-"""The drivers of hands joined to a simulated page in virtual time."""
+"""Drivers of handheld devices joined to a simulated page in virtual time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def received(data, sequence=1, sender=1, key=KEY):
 
 
 class Bench:
-    """A page whose frames reach the core at once; `mangle` may spoil them."""
+    """Page whose frames reach the core at once; `mangle` may corrupt them."""
 
     def __init__(self, kind="phone", faults=(), **options):
         self.core = (
@@ -51,7 +51,7 @@ class Bench:
         return self
 
     def live(self):
-        """A hand that is aligned and has released the dead-man."""
+        """Run until the device is aligned, its dead-man released."""
         self.run(0.3)
         return self
 

@@ -12,11 +12,11 @@ from cardan.types import HoldCommand
 from tests.drivers.tcp_bench import TcpBench
 
 TICK_S = 2.5e-4
-"""At most so much time passes at once."""
+"""Longest step of virtual time."""
 
 
 class SessionBench(TcpBench):
-    """Session and controller; `answer` makes the command for each state that asks for one."""
+    """Session and controller; `answer` returns the command for each state that requests one."""
 
     kind_of_session = MotorosSession
 

@@ -1,4 +1,4 @@
-"""A device that is shared and the driver that uses it, joined by a network in virtual time."""
+"""A shared device and the remote driver, joined by a network in virtual time."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ ABLE = DeviceCapabilities(False, ("hold", "grip"), frozenset({"led", "rumble"}),
 
 
 def received(kind, message, sequence=1, sender=1, key_type=None):
-    """A message as a subscription has it."""
+    """Return a message in a subscription's form."""
     key = f"0/shared/x/{dds_type(key_type or kind)}/RIHS01_0"
     data = message if isinstance(message, bytes) else codec_of(kind).encode(message)
     return Received(data, key, Attachment(sequence, sequence, bytes([sender]) * 16))
 
 
 class Link(NamedTuple):
-    """Direction of a network."""
+    """One direction of a network."""
 
     delay_s: float = 0.0003
     jitter_s: float = 0.0
@@ -60,7 +60,7 @@ class Link(NamedTuple):
 LAN = Link()
 
 AHEAD_BYTES = 1 << 16
-"""Most other traffic queued ahead of a state: docs/remote.md, of pictures."""
+"""Limit on other traffic queued ahead of a state (docs/remote.md, pictures)."""
 
 
 class Way:
@@ -75,7 +75,7 @@ class Way:
         self.cut = False
         self.rate_bps = math.inf
         self._free_s = 0.0
-        """When all that was handed to it is on its way."""
+        """Time at which all data in the queue has been sent."""
 
     def send(self, item, now_s):
         link, chosen = self.link, self._chosen
@@ -91,7 +91,7 @@ class Way:
             heapq.heappush(self._queue, (arrives_s, next(self._numbers), item))
 
     def picture(self, size, now_s):
-        """So many bytes of something else, dropped where they would have too much wait."""
+        """Queue `size` bytes of other traffic, or drop them if the queue ahead is too long."""
         passed_s = self._passed_s(size, now_s)
         if (passed_s - now_s) * self.rate_bps <= 8 * AHEAD_BYTES:
             self._free_s = passed_s
@@ -100,7 +100,7 @@ class Way:
         return max(self._free_s, now_s) + 8 * size / self.rate_bps
 
     def stall(self, until_s):
-        """Nothing arrives before that time; all of it then."""
+        """Deliver nothing before that time, and then everything."""
         self.stalled_until_s = until_s
         self._queue = [(max(at_s, until_s), n, item) for at_s, n, item in self._queue]
         heapq.heapify(self._queue)
@@ -111,8 +111,10 @@ class Way:
 
 
 class Bench:
-    """An operator's computer, a network, and a session's driver. `lie_s` is added to the clock
-    there."""
+    """Operator's computer, network, and driver of a session.
+
+    `lie_s` is an offset of the operator's clock.
+    """
 
     def __init__(
         self,
@@ -134,11 +136,12 @@ class Bench:
         self.numbers, self.sender = itertools.count(1), 1
         self.claim_numbers, self.claimant = itertools.count(1), 9
         self.sent = {}
-        """When each state was sent, and the claim that it answers, by its number."""
+        """Send time of each state and the claim that it answers, by its number."""
         self.came = []
-        """When states came, when each was sent, and the claim that it answers: by the time here."""
+        """Arrival time of each state, its send time and the claim that it answers: by the session's
+        clock."""
         self.direction = (1.0, 0.0, 0.0)
-        """In which move() deflects."""
+        """Direction of the deflection by move()."""
         self.share = ShareCore("spacemouse", 11)
         self.device = DeviceState(self.there_s, DeviceLink.LIVE, NEUTRAL, frozenset())
         self.edges = []
@@ -146,17 +149,18 @@ class Bench:
         self.haptic, self.command = haptic, None
         self.force_end = None if haptic is None else DeviceEnd(haptic)
         self.heard = []
-        """Edges that came out of the driver."""
+        """Button edges that the driver returned."""
         self.frozen = False
-        """Whether the process that shares it stands still."""
+        """True while the sharing process is stopped."""
         self.asleep = False
-        """Whether its computer sleeps: so does its monotonic clock (CLOCK_MONOTONIC of Linux)."""
+        """True while the operator's computer sleeps, and its monotonic clock with it
+        (CLOCK_MONOTONIC of Linux)."""
         self.mangle = lambda message: message
         self.core.on_opened(self.now_s)
 
     @property
     def there_s(self):
-        """The time by the clock there."""
+        """Time by the operator's clock."""
         return self.now_s * (1.0 + self.drift) + self.offset_s + self.lie_s
 
     @property
@@ -192,7 +196,7 @@ class Bench:
             self.heard += self.core.events()
 
     def operator(self):
-        """A step of the computer that shares."""
+        """Run a step of the sharing computer."""
         if self.asleep:
             self.lie_s -= STEP_S * (1.0 + self.drift)
         if self.asleep or self.frozen:
@@ -216,15 +220,18 @@ class Bench:
         return received(CLAIM_TYPE, claim_message(claim), next(self.claim_numbers), sender)
 
     def live(self):
-        """Run until it counts."""
+        """Run until the device is live."""
         self.run(1.0)
         assert self.state.link is DeviceLink.LIVE, self.state.reason
         return self
 
 
 def in_age(bench, bound_s, seconds, each=lambda: None):
-    """Run while the deflection tells when the hand had it; check that what counts is no older than
-    `bound_s`. How often it counted."""
+    """Run with a deflection that encodes its own time; check that no used state is older than
+    `bound_s`.
+
+    Returns the number of steps with a used state.
+    """
     began_s, counted = bench.now_s, 0
 
     def step():

@@ -1,7 +1,4 @@
-"""The driver of ROS 2 arms joined to a simulated one in virtual time: a bad network between them.
-
-Only Zenoh, threads and clocks are missing.
-"""
+"""The ROS 2 arm driver and a simulated arm in virtual time, with a bad network between them."""
 
 from __future__ import annotations
 
@@ -21,13 +18,13 @@ from cardan.sim_peers.link import FaultyLink
 from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 
 STEP_S = 0.002
-"""Of the plant."""
+"""Step of the simulated arm."""
 
 KEY = f"0/joint_states/{dds_type(STATE_TYPE)}/RIHS01_0"
 
 
 def received(data, sequence=1, sender=1, key=KEY):
-    """A message as the bus gives it."""
+    """Return a message in the bus's form."""
     return Received(data, key, Attachment(sequence, 0, bytes([sender]) * 16))
 
 
@@ -51,13 +48,13 @@ class Wire:
             )
         )
         self.period_s = 1.0 / rate_hz
-        # Longer steps than the arm's own, for the sake of what they cost to compute.
+        # Longer steps than the arm's own, for a shorter computation.
         coarse = dataclasses.replace(self.core.options.plant, step_s=min(STEP_S, self.period_s))
         self.core.plant = ArmPlant(self.core.arm, coarse)
         self.to_pc, self.to_robot = FaultyLink(faults, 2), FaultyLink(faults, 3)
         self.now_s = 0.0
         self.killed = False
-        """Nothing leaves the gateway's process any more."""
+        """True once the gateway's process is dead."""
         self.sent = []
         self.path = []
         self.ready = []
@@ -100,7 +97,7 @@ class Wire:
         self.path.append(self.core.plant.positions)
 
     def run_on(self, seconds):
-        """The gateway's process stands still."""
+        """Stop the gateway's process for that time."""
         for _ in range(round(seconds / self.period_s)):
             self.pass_cycle()
 
@@ -108,7 +105,8 @@ class Wire:
         return [(b[joint] - a[joint]) / self.period_s for a, b in itertools.pairwise(self.path)]
 
     def fastest(self, joint=0):
-        """rad/s, over any 50 ms: a network's delays shift commands by a cycle."""
+        """Return the highest speed of a joint, rad/s, as a mean over 50 ms: network delays shift
+        commands by a cycle."""
         cycles = max(round(0.05 / self.period_s), 1)
         way = zip(self.path, self.path[cycles:], strict=False)
         return max(abs(b[joint] - a[joint]) for a, b in way) / (cycles * self.period_s)
@@ -133,8 +131,10 @@ class WiredArm(Ros2Arm):
 
 
 def follow(robot, until_s, target, stall=(math.inf, 0.0)):
-    """Send `target(state, time)` for each state until then; the states. `stall`: when the process
-    stands still once, and for how long."""
+    """Send `target(state, time)` for each state until `until_s`; return the states.
+
+    `stall`: start and duration of a stop of the process.
+    """
     states = []
     for state in robot.cycles():
         states.append(state)

@@ -1,4 +1,4 @@
-"""The drivers of ROS 2's nodes joined to a simulated node in virtual time."""
+"""Drivers of ROS 2 device nodes joined to a simulated node in virtual time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def received(data, sequence=1, sender=1, key=KEY):
 
 
 class Bench:
-    """A node whose messages reach the core every few milliseconds; `mangle` may spoil them."""
+    """Node whose messages reach the core every few milliseconds; `mangle` may corrupt them."""
 
     def __init__(self, node="spacenav", **options):
         kind = Ros2SpacenavOptions if node == "spacenav" else Ros2JoyOptions
@@ -47,6 +47,6 @@ class Bench:
                     self.core.on_received(received(data, self.sequence), self.now_s)
 
     def touch(self):
-        """Show the driver that there is a device."""
+        """Deflect and release the device, which proves that it exists."""
         self.run(0.1, (0.0, 0.0, 0.5, 0.0, 0.0, 0.0))
         self.run(0.1, (0.0,) * 6)

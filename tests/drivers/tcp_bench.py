@@ -1,18 +1,19 @@
 """Connection of a session over several TCP connections to simulated servers, in virtual time."""
 
 LATENCY_S = 1.5e-4
-"""One-way latency. With it a request is answered in 0.3 ms, as seen on a real line."""
+"""One-way latency. A request is answered in 0.3 ms, as measured on a real line."""
 
 
 class TcpBench:
-    """The connections; a bench gives `session`, `servers` and `now_s`, and has what is in flight
-    delivered."""
+    """TCP connections of a bench, which has `session`, `servers` and `now_s`, and delivers data in
+    transit."""
 
     def __init__(self):
         self.reachable = True
         self.numbers = {}
         self._flight = []
-        """(when it arrives, whether at the controller, its key there, bytes)."""
+        """(arrival time, whether at the controller, its connection there, bytes) of data in
+        transit."""
 
     def _connect(self, channel):
         if not self.reachable:
@@ -46,7 +47,7 @@ class TcpBench:
                 self.session.disconnected(channel, "the controller closed it", self.now_s)
 
     def unplug(self, channel):
-        """The connection breaks for both."""
+        """Break the connection for both ends."""
         number = self.numbers.pop(channel)
         self.servers.eof(number, self.now_s)
         self.session.disconnected(channel, "Connection reset by peer", self.now_s)

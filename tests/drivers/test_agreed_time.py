@@ -1,4 +1,4 @@
-"""Time that two clocks agree on, in virtual time."""
+"""Common time of two clocks, in virtual time."""
 
 import random
 
@@ -10,8 +10,8 @@ PERIOD_S = 0.002
 
 
 def heard(arrivals, clock=lambda t: 7.0 + t, period_s=PERIOD_S, simulated=False):
-    """The clock after states that were sent at the first times and came at the second ones; and
-    what was wrong with it meanwhile."""
+    """Feed states with these send and arrival times; return the clock, and the faults that it
+    reported."""
     agreed, faults = AgreedTime(period_s, simulated=simulated), []
     for sent_s, came_s in arrivals:
         agreed.passed(clock(sent_s), came_s)
@@ -21,7 +21,7 @@ def heard(arrivals, clock=lambda t: 7.0 + t, period_s=PERIOD_S, simulated=False)
 
 
 def sent(seconds, late=lambda t: 0.0):
-    """Times of states, with what each is late by; none overtakes another."""
+    """Yield send and arrival times of states with given delays; no state overtakes another."""
     came_s = 0.0
     for n in range(round(seconds / PERIOD_S)):
         came_s = max(came_s, n * PERIOD_S + late(n * PERIOD_S))
@@ -29,7 +29,7 @@ def sent(seconds, late=lambda t: 0.0):
 
 
 def between(low_s, high_s):
-    """Nothing is read here from the one time to the other."""
+    """Delay of states that are not read between two times."""
     return lambda t: high_s - t if low_s < t < high_s else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Tests common to the cores of all devices: link, buttons, counts, and the texts about them."""
+"""Tests common to the cores of all devices: link, buttons, counters, and diagnosis texts."""
 
 from typing import ClassVar
 
@@ -16,7 +16,8 @@ SETTLE_S = 0.02
 
 
 class Lever(DeviceCore):
-    """A lever with a button, which reports all the time and is silent when it is in trouble."""
+    """Core of a lever with a button, which reports continuously and is silent while it is
+    faulty."""
 
     _counters: ClassVar = {"silences": "silences", "odd": "odd reports"}
 
@@ -190,5 +191,5 @@ def test_a_core_has_to_say_what_silence_and_loss_mean():
 
 
 def test_the_core_that_has_to_be_fast_keeps_its_attributes_in_the_fast_place():
-    """See `DeviceCore.__init__`: one more makes each report take an eighth longer."""
+    """See `DeviceCore.__init__`: one more attribute makes each report take an eighth longer."""
     assert len(vars(SpaceMouseCore(SpaceMouseOptions()))) <= 29

@@ -1,4 +1,4 @@
-"""EGM's answer compiled: byte for byte that of the session in Python, or done without."""
+"""Compiled EGM answers: equal to the Python session's byte for byte, or left to Python."""
 
 import contextlib
 import gc
@@ -55,7 +55,7 @@ def without_compiled(options: AbbEgmOptions) -> EgmSession:
 
 
 def random_command(choice: random.Random, at: list[float]) -> object:
-    """Mostly targets near `at`, which it moves on; some that are wrong, and holds."""
+    """Return mostly targets near `at`, which it advances, and some holds and invalid targets."""
     kind = choice.random()
     if kind < 0.05:
         return HoldCommand()
@@ -156,7 +156,7 @@ def test_answers_are_those_of_the_session_in_python_byte_for_byte(
         answers += 1
     assert quick.counters == plain.counters
     assert answers > 1200
-    # Not while the clocks have parted, as the gaps make them.
+    # The compiled part does not answer while the clocks disagree, which the gaps cause.
     assert sum(each is not None for each in compiled_answers) > 0.2 * answers
 
 
@@ -201,7 +201,7 @@ def random_vector(choice: random.Random, far: float) -> list[float]:
 
 
 class Operator:
-    """Commands that mostly move on by a little, sometimes jump, and sometimes are wrong."""
+    """Commands that mostly advance a little, sometimes jump, and sometimes are invalid."""
 
     def __init__(self, choice: random.Random, mode: str, speed: str) -> None:
         self.choice = choice
@@ -248,7 +248,7 @@ class Operator:
         return PoseCommand(pose, self._twist(far) if said else None)
 
     def _spoilt(self, command: object) -> object:
-        """`command` with one wrong number, or of another kind."""
+        """Return `command` with one invalid number, or of another type."""
         choice = self.choice
         wrong = choice.choice((math.nan, math.inf, 1e300, 2001.0, -3000.0, 1, True, None, "1", ()))
 
@@ -271,7 +271,7 @@ class Operator:
 
 
 class Line:
-    """A controller whose datagrams come as they are sent, but for some."""
+    """Controller whose datagrams arrive in order, except for some faults."""
 
     def __init__(self, choice: random.Random) -> None:
         self.choice = choice
@@ -331,7 +331,7 @@ LATER = [
     for seed in range(SEEDS)
     if seed != number % SEEDS
 ]
-"""In the matrix: `make test` has each mode once, and each seed's options with some modes."""
+"""Cases of the matrix: `make test` has each mode once, and each seed's options with some modes."""
 
 
 @pytest.mark.matrix(*LATER)
@@ -446,7 +446,7 @@ def test_a_command_that_is_none_changes_nothing() -> None:
 
 
 def test_a_layout_that_is_not_sound_is_not_read_by() -> None:
-    """No layout comes out of Python like this; the memory is shared, and nothing is trusted."""
+    """Python writes no such layout, but the memory is shared: the reader checks all of it."""
     data = Controller().datagram()
     for field, place, value in (
         ("place", 5, len(data)),

@@ -1,4 +1,4 @@
-"""The compiled `recvfrom` and `sendto` against those of Python."""
+"""The compiled `recvfrom` and `sendto` compared with Python's."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The EGM driver over real loopback sockets. Nothing here sleeps: peers answer each other."""
+"""The EGM driver over real loopback sockets. No test sleeps: peers answer each other."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ZEROS = (0.0,) * 6
 
 
 class Peer:
-    """The controller's end: a socket of its own."""
+    """The controller's end, with its own socket."""
 
     def __init__(self, robot: AbbEgm) -> None:
         self.controller = Controller()
@@ -46,18 +46,18 @@ class Peer:
             self.socket.send(self.controller.datagram())
 
     def hear(self) -> bytes:
-        """The next answer; the robot goes where it is told."""
+        """Return the next answer, which the simulated robot follows."""
         answer = self.socket.recv(2048)
         self.controller.follow(answer)
         return answer
 
     def rest(self) -> list[bytes]:
-        """The answers that are there already."""
+        """Return the answers that have already arrived."""
         answers = []
         self.socket.setblocking(False)
         try:
             while True:
-                with contextlib.suppress(ConnectionRefusedError):  # It comes before the data.
+                with contextlib.suppress(ConnectionRefusedError):  # reported before data
                     answers.append(self.socket.recv(2048))
         except BlockingIOError:
             self.socket.settimeout(WITHIN_S)
@@ -79,8 +79,10 @@ def peer(robot: AbbEgm) -> Iterator[Peer]:
 
 @pytest.fixture
 def in_step(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The driver's clock goes on with the controller's, by a period for each datagram: one that ran
-    as fast as these cycles would be a wrong one."""
+    """Advance the driver's clock by a period for each datagram of the controller.
+
+    In real time these cycles would be fast enough to look like a wrong clock.
+    """
     began_s, began_us = driver_module._monotonic(), peer.controller.clock_us
     monkeypatch.setattr(
         driver_module, "_monotonic", lambda: began_s + 1e-6 * (peer.controller.clock_us - began_us)
@@ -88,7 +90,7 @@ def in_step(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run(robot: AbbEgm, peer: Peer, cycles: Iterator[RobotState], times: int) -> bytes:
-    """So many cycles towards a far target; the last answer."""
+    """Run some cycles towards a far target; return the last answer."""
     for _ in range(times):
         peer.say()
         next(cycles)
@@ -98,9 +100,10 @@ def run(robot: AbbEgm, peer: Peer, cycles: Iterator[RobotState], times: int) -> 
 
 
 class LiveController:
-    """A controller in a thread: its next datagram leaves when the answer to the last has come.
+    """Controller in a thread, which sends a datagram after each answer.
 
-    `impatient`: or when that was waited for in vain, as its application may have closed meanwhile.
+    `impatient`: it also sends one after waiting in vain, because its application may have closed by
+    then.
     """
 
     def __init__(self, peer: Peer, impatient: bool = False) -> None:
@@ -234,7 +237,7 @@ class TestLoop:
     ) -> None:
         sock = robot._socket
         assert sock is not None
-        os.set_blocking(sock.fileno(), False)  # as gevent has it
+        os.set_blocking(sock.fileno(), False)  # like gevent
         cycles = robot.cycles()
         end_s, waiting = time.monotonic() + 0.5, 0
         while time.monotonic() < end_s:
@@ -319,7 +322,7 @@ class TestLoop:
 
 
 class TestLeaving:
-    """However the loop ends, the robot is braked and the last message has no speed."""
+    """The robot brakes and the last message has zero speed, however the loop ends."""
 
     def last_words(self, peer: Peer) -> tuple[float, ...]:
         speeds = [speeds_of(answer) for answer in peer.rest()]
@@ -418,7 +421,7 @@ class TestLeaving:
         assert last is not None
         peer.say()
         next(cycles)
-        # The robot goes on by itself meanwhile.
+        # Meanwhile the robot moves on at the last speed.
         first, *others = peer.controller.joints
         peer.controller.joints = (first + last[0] * PERIOD_S, *others)
         late_s = robot.options.command_timeout_s + 0.05
@@ -470,7 +473,7 @@ class TestStolenPort:
     def test_a_program_on_the_controllers_address_does_not_get_the_robot(
         self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """Not in hiccups of the controller either."""
+        """The controller pauses now and then, and the other program still gets no answer."""
         thief = Peer(robot)
         cycles = robot.cycles()
         run(robot, peer, cycles, 30)
@@ -644,7 +647,7 @@ class TestStream:
             due_s = time.monotonic()
             for k in range(1, 40):
                 due_s += PERIOD_S
-                threading.Event().wait(max(due_s - time.monotonic(), 0.0))  # its period
+                threading.Event().wait(max(due_s - time.monotonic(), 0.0))  # for a period
                 stream.command(FAST)
                 peer.say()
                 answer = peer.hear()

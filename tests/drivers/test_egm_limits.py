@@ -1,4 +1,4 @@
-"""Output of the limiters for any input: inside position, speed and acceleration limits."""
+"""Outputs of the limiters stay inside position, speed and acceleration limits for any input."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PERIOD_S = 0.004032
 LONGEST_S = 4 * PERIOD_S
 EPSILON = 1e-9
 
-# Periods as they come with lost and late datagrams.
+# Periods, including those of lost and late datagrams.
 periods = st.floats(0.25 * PERIOD_S, LONGEST_S)
 numbers = st.floats(-1e5, 1e5) | st.floats(-2.0, 2.0) | st.floats(-1e-3, 1e-3)
 triples = st.tuples(numbers, numbers, numbers)
@@ -227,7 +227,7 @@ class TestOrientation:
                 turned = rotation_between(orientation, limiter.reference)
                 moved = [w * dt_s for w in limiter.velocity]
                 assert turned == pytest.approx(moved, abs=1e-8)
-                # Never the other of the two quaternions of a rotation.
+                # The output never switches between the two quaternions of a rotation.
                 products = zip(orientation, limiter.reference, strict=True)
                 assert sum(a * b for a, b in products) > 0.9
 

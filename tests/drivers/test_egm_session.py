@@ -72,11 +72,11 @@ HOLD = HoldCommand()
 ZEROS = (0.0,) * 6
 
 wild = st.one_of(st.floats(-400.0, 400.0), st.floats(allow_nan=False, allow_infinity=False))
-"""Degrees or mm: what a robot has, or anything finite."""
+"""Degrees or mm: values of a robot, or any finite number."""
 
 
 class Bench:
-    """A session and a controller that take turns in virtual time."""
+    """Session and controller that alternate in virtual time."""
 
     def __init__(self, controller_ip: str | None = None, **options: Any) -> None:
         self.options = AbbEgmOptions(**({"mode": "joint"} | options))
@@ -90,7 +90,7 @@ class Bench:
         return self.session.receive(self.controller.datagram(), source, self.now_s)
 
     def cycle(self, command: RobotCommand = HOLD) -> bytes:
-        """Receive a datagram and answer it; the robot moves to the commanded place."""
+        """Receive a datagram and answer it; the robot moves to the commanded position."""
         assert self.hear() is not None
         answer = self.session.reply(command, self.now_s + 1e-4)
         self.session.answered(self.now_s + 1e-4)
@@ -98,7 +98,7 @@ class Bench:
         return answer
 
     def started(self) -> Bench:
-        """After the first answer of a session."""
+        """Exchange the first datagrams of a session."""
         self.cycle()
         return self
 
@@ -251,7 +251,7 @@ class TestPinning:
         assert state is not None
         assert (state.session, state.sequence) == (2, 24)
         assert bench.session.peer == OTHER_PORT
-        # The port before is left at rest, where it was told to be.
+        # The final command to the previous port stops the robot at its last target.
         assert bench.session.handover is not None
         last_words, port = bench.session.handover
         assert port == PEER
@@ -273,7 +273,7 @@ class TestPinning:
         assert bench.session.sessions == 1
 
     def test_another_program_on_the_controllers_address_does_not_take_over(self) -> None:
-        """It sends all the time, and the controller pauses now and then."""
+        """It sends continuously, and the controller pauses now and then."""
         bench = Bench().started()
         thief = Controller(seqno=0)
         answered: set[tuple[str, int]] = set()
@@ -282,7 +282,7 @@ class TestPinning:
             stolen = bench.session.receive(thief.datagram(), OTHER_PORT, bench.now_s)
             assert stolen is None
             data = bench.controller.datagram()
-            if not (400 <= k < 420 or 800 <= k < 1050):  # 80 ms and 1 s of silence
+            if not (400 <= k < 420 or 800 <= k < 1050):  # silence of 80 ms and 1 s
                 assert bench.session.receive(data, PEER, bench.now_s) is not None
                 bench.session.reply(HOLD, bench.now_s)
                 assert bench.session.peer is not None
@@ -536,7 +536,7 @@ class TestHolding:
             bench.cycle(command)
         bench.controller.motors, bench.controller.mci = motors, mci
         bench.controller.rapid = rapid
-        # The robot is moved by something else meanwhile.
+        # Meanwhile something else moves the robot.
         bench.controller.joints = (0.7, *HOME[1:])
         bench.controller.position = Vector3(0.5, 0.1, 0.7)
         state = bench.hear()
@@ -701,7 +701,7 @@ class TestCommands:
             bench.controller.seqno += lost
             bench.controller.clock_us += round(lost * PERIOD_S * 1e6)
             bench.now_s += lost * PERIOD_S
-            # A controller without an answer goes on at the speed it was told.
+            # A controller without an answer continues at its last speed.
             bench.controller.joints = (before + lost * speed * PERIOD_S, *HOME[1:])
             answer = bench.cycle(joint_target(3.0))
             assert joints_in(answer)[0] - before == pytest.approx(
@@ -757,7 +757,7 @@ class TestCommands:
                 elif bench.session.metrics()["sessions"] > sessions:
                     assert velocity == 0.0
                 else:
-                    # A robot that follows although it tells that it does not is braked.
+                    # A robot that reports no motion but moves is braked.
                     left = max(abs(slower) - acceleration * PERIOD_S, 0.0)
                     assert abs(velocity) == pytest.approx(left, abs=1e-9)
                 sessions = bench.session.metrics()["sessions"]
@@ -776,7 +776,7 @@ class TestCommands:
         for _ in range(100):
             answer = bench.cycle(JointVelocityCommand((1.0, 9.0, 0.0, 0.0, 0.0, 0.0)))
         assert speeds_of(answer)[:2] == pytest.approx((1.0, math.radians(90.0)))  # type: ignore[index]
-        # Near the end of its range a joint is stopped, measured by where it is.
+        # Near the end of its range a joint is stopped by its measured position.
         bench.controller.joints = (math.radians(179.9), *HOME[1:])
         for _ in range(100):
             answer = bench.cycle(JointVelocityCommand((1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
@@ -864,7 +864,7 @@ class TestStopping:
         bench = Bench().started()
         for _ in range(100):
             bench.cycle(joint_target(1.5))
-        # For half a second the application answers nothing; the robot goes on.
+        # The application is silent for half a second; the robot moves on.
         speed = math.radians(90.0)
         first, *rest = bench.controller.joints
         for _ in range(120):
@@ -1207,7 +1207,7 @@ class TestBadBytes:
         nan = (math.nan,) * 6
         bench.controller.fields["planned"] = EgmMotion(joints=nan)
         for k in range(60):
-            if k == 40:  # a pause after which what the controller is heading for is looked at
+            if k == 40:  # after a pause the session examines the controller's planned position
                 bench.now_s += 1.0
                 twin.now_s += 1.0
                 twin.controller.fields["planned"] = None
@@ -1310,7 +1310,7 @@ class TestInsight:
             if k == 100:
                 assert "MaxSpeedDeviation" not in self.words(bench)
         assert "1 deg/s" in self.words(bench)
-        # Once it keeps up, nothing is said any more.
+        # Messages end as soon as the robot keeps up.
         for _ in range(100):
             bench.cycle(HOLD)
         assert "MaxSpeedDeviation" not in self.words(bench)

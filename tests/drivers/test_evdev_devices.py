@@ -37,11 +37,11 @@ def wait_for(condition, what):
 
 
 # ---------------------------------------------------------------------------------------------
-# What the system has
+# Device nodes of the system
 
 
 def words_of(codes):
-    """A mask as /sys prints it: words of 64 bits, highest first."""
+    """Return a mask in the format of /sys: words of 64 bits, highest first."""
     mask = int.from_bytes(encode_bits(codes, 96), "little")
     words = []
     while mask:
@@ -120,7 +120,7 @@ def test_nothing_plugged_in(monkeypatch):
 
 
 class FakeKernel:
-    """A FIFO that stands for a node, and its ioctls."""
+    """FIFO in place of a device node, and its ioctls."""
 
     def __init__(self, tmp_path, monkeypatch, model):
         self.path = str(tmp_path / "event7")
@@ -184,7 +184,7 @@ def test_a_pad_read_from_a_node(kernel):
 
 def test_a_keyboard_is_grabbed_only_while_no_key_is_down(kernel):
     fake = kernel("keyboard")
-    fake.device.press("enter")  # of the command that starts the session
+    fake.device.press("enter")  # Enter that started the session's command
     fake.run(0.02)
     os.read(fake.writer, 1000)
     with Keyboard(KeyboardOptions(path=fake.path, grab=True)) as keyboard:
@@ -217,7 +217,7 @@ def test_a_node_of_another_kind_is_refused(kernel):
 
 
 def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
-    """Which driver it has is what /sys says of its node."""
+    """/sys names the driver of the node."""
     fake = kernel("xbox-one")
     pdp = InputId(BUS_VIRTUAL, 0x0E6F, 0x02C6, 0x0101)
     model = BY_KEY["xbox-one"]._replace(name="Microsoft X-Box One pad", id=pdp)
@@ -240,7 +240,7 @@ def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
             wait_for(lambda: not pad.state().buttons, "not released")
 
 
-# -- devices that are no gamepads, though they look like one or are sold as one
+# -- devices that only resemble gamepads
 
 JOYSTICK = BY_KEY["logitech-f310-d"]
 SWITCH = "set the switch on its back to X"
@@ -328,7 +328,7 @@ def test_a_file_that_is_no_input_device(tmp_path):
 
 
 class Plugs:
-    """Devices of the kernel that come and go, each with an answer for every request."""
+    """Input devices that are plugged and unplugged, each with answers for all requests."""
 
     def __init__(self, monkeypatch):
         self.models = {}
@@ -387,7 +387,7 @@ def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypat
     pad = Gamepad(GamepadOptions(path=path))
     with pad:
         assert pad.state().link is DeviceLink.NEEDS_NEUTRAL
-        plugs.models["/dev/input/event3"] = second  # the number is used again
+        plugs.models["/dev/input/event3"] = second  # the node's number is reused
         wait_for(
             lambda: (
                 f"{first.name} is not plugged in" in pad.state().reason
@@ -403,7 +403,7 @@ def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypat
         wait_for(lambda: pad.state().link is DeviceLink.NEEDS_NEUTRAL, "not picked up again")
         assert pad._core.description.name == first.name
     plugs.models = {"/dev/input/event3": second}
-    with pad:  # a new session takes the devices that are there
+    with pad:  # a new session opens the present devices
         assert pad._core.description.name == second.name
 
 
@@ -492,7 +492,7 @@ def test_rumble_goes_on_and_ends_with_the_driver(tmp_path):
         wait_for(lambda: turns() == pytest.approx((0.5, 0.5), abs=1e-4), "does not rumble")
         pad.feedback(DeviceFeedback(rumble=1.0))
         wait_for(lambda: turns() == (1.0, 1.0), "not harder")
-        end_s = time.monotonic() + 0.6  # longer than the effect
+        end_s = time.monotonic() + 0.6  # longer than the effect's duration
         wait_for(lambda: time.monotonic() > end_s, "time stands still")
         wait_for(lambda: turns() == (1.0, 1.0), "ended by itself")
         pad.feedback(DeviceFeedback(rumble=0.0))
@@ -558,7 +558,7 @@ def test_a_simulated_device_that_hangs_is_neutral_until_it_was_let_go(tmp_path, 
 
 
 class Slow:
-    """The other end of a socket, which answers when it is told to."""
+    """Other end of a socket, which answers on request."""
 
     def __init__(self, path):
         self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -592,7 +592,7 @@ def test_late_answers_are_no_garbage(tmp_path):
     assert link.read(0.1) == EVENT
     assert link.answers(0.0)
     assert not link.answers(0.0)
-    slow.answer()  # one request, though it was asked three times
+    slow.answer()  # a single request after three calls
     assert link.answers(0.1)
     slow.sock.send(EVENT)
     assert not link.answers(0.1)

@@ -1,4 +1,4 @@
-"""Pads and keyboards in trouble: neutral within 100 ms, and again only after rest."""
+"""Faults of gamepads and keyboards: neutral within 100 ms, and motion only after rest."""
 
 import itertools
 
@@ -16,7 +16,7 @@ PUSHED = (0.0, 0.8, 0.0, 0.0, 0.0, 0.0)
 
 
 def deflected(model, **settings):
-    """A bench whose operator holds the dead-man and moves."""
+    """Return a bench whose operator holds the dead-man and moves."""
     bench = Bench(model, **settings)
     bench.run(0.1)
     bench.press("left-shoulder" if bench.model.is_gamepad else "space")
@@ -48,7 +48,8 @@ def assert_neutral(state):
 
 
 def assert_rearms_only_after_rest(bench):
-    """Held on, nothing moves; after rest and a new push, it does; the dead-man anew, too."""
+    """Check that a held deflection moves nothing, and that a new push after rest does, with the
+    dead-man pressed again."""
     assert not any(any(state.axes) for state in held_states(bench, 1.0))
     let_go(bench)
     bench.run(0.05)
@@ -83,7 +84,7 @@ def test_unplugged(model):
 
 @both
 def test_unplugged_and_replugged_while_held(model):
-    """The kernel knows nothing of what is held; the first frame tells it as if it were new."""
+    """The kernel forgets held keys; the first frame reports them like new presses."""
     bench = deflected(model)
     bench.device.unplug()
     bench.run(0.2)
@@ -94,7 +95,7 @@ def test_unplugged_and_replugged_while_held(model):
 
 @both
 def test_the_system_drops_events(model):
-    """A release may be among them."""
+    """A lost event may be a release."""
     bench = deflected(model)
     let_go(bench)
     bench.mangle = lambda packet: [
@@ -151,7 +152,7 @@ def test_garbled(model, mangle):
 
 @both
 def test_nobody_reads_it(model):
-    """A reader that hangs, or a computer that is too busy."""
+    """A reader hangs, or the computer is overloaded."""
     bench = deflected(model)
     bench.read = False
     states = held_states(bench, 0.3)
@@ -164,7 +165,7 @@ def test_nobody_reads_it(model):
 
 
 def test_a_reader_that_was_late_finds_out_by_itself():
-    """The state was not read meanwhile; queued events move nothing."""
+    """No state was read meanwhile; queued events cause no motion."""
     bench = deflected("xbox-360")
     bench.now_s += 0.5
     bench.core.on_packet(
@@ -183,7 +184,7 @@ def test_a_reader_that_is_late_at_rest_changes_nothing():
 
 
 def test_stale_after_catches_a_radio_that_died():
-    """For pads that never fall silent in the hand."""
+    """Valid for gamepads that report continuously while held."""
     options = GamepadOptions(stale_after_s=0.08)
     bench = deflected("dualshock-4", options=options, jitter_lsb=2)
     assert bench.run(1.0).link is DeviceLink.LIVE
@@ -212,7 +213,7 @@ def test_a_bluetooth_device_says_what_a_lost_radio_means():
 
 
 def test_a_radio_that_died_cannot_be_seen_without_it():
-    """As the page says: the kernel tells of changes only."""
+    """Documented: the kernel reports changes only."""
     bench = deflected("xbox-360")
     bench.device.silence()
     assert any(bench.run(10.0).axes)

@@ -23,12 +23,12 @@ DEVICES = [
 
 @pytest.fixture(autouse=True)
 def nobody_comes(monkeypatch):
-    """Those on a bus need not wait for a node."""
+    """Shorten the wait of bus devices for their nodes."""
     monkeypatch.setattr("cardan.drivers.bus_devices.device.MEET_S", 0.05)
 
 
 def nowhere(driver, tmp_path, **more):
-    """Options of a device that is not there."""
+    """Return options that lead to no device."""
     nothing = str(tmp_path / "none")
     places = {
         "transport": "socket",
@@ -41,7 +41,7 @@ def nowhere(driver, tmp_path, **more):
     }
     fields = {field.name for field in dataclasses.fields(driver.Options)}
     if "transport" in fields:
-        del places["port"]  # of USB, where it has one: its path tells the device apart
+        del places["port"]  # With USB enabled its path identifies the device.
     place = {name: value for name, value in places.items() if name in fields}
     assert place
     return driver.Options(**place, **more)
@@ -67,7 +67,7 @@ def test_what_is_not_there_is_said_in_words(driver, tmp_path):
     device.close()
 
 
-@pytest.mark.matrix("phone", "ros2_spacenav")  # As xr and ros2_joy, with a second of waiting each.
+@pytest.mark.matrix("phone", "ros2_spacenav")  # Same code as xr and ros2_joy; each waits a second.
 @pytest.mark.parametrize("driver", DEVICES)
 def test_it_can_be_waited_for(driver, tmp_path):
     device = driver(nowhere(driver, tmp_path, wait_for_device=True))

@@ -1,4 +1,4 @@
-"""No driver sends values that are not finite, for all accepted limits and all commands."""
+"""Finite output of all drivers, for all accepted limits and all commands."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ def vectors(number: st.SearchStrategy[float]) -> st.SearchStrategy[Vector3]:
 
 
 def made(kind: Callable[..., Any], *numbers: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
-    """`st.builds` without its guesses for fields that have a default."""
+    """Return a strategy like `st.builds` that leaves fields with a default alone."""
     return st.tuples(*numbers).map(lambda values: kind(*values))
 
 
 def unit(turn: Vector3) -> Quaternion:
-    """Of a rotation by the length of `turn`, which is at most a few."""
+    """Return the rotation by a rotation vector of at most a few rad."""
     angle = math.sqrt(sum(v * v for v in turn))
     if angle < 1e-6:
         return Quaternion(1.0, 0.0, 0.0, 0.0)
@@ -80,7 +80,7 @@ def unit(turn: Vector3) -> Quaternion:
 
 
 def commands(number: st.SearchStrategy[float]) -> st.SearchStrategy[RobotCommand]:
-    """Commands of every kind from such numbers; orientations are orientations, mostly."""
+    """Return commands of every type with such numbers; most orientations are valid."""
     twists = made(Twist, vectors(number), vectors(number))
     turned = vectors(SENSIBLE).map(unit) | made(Quaternion, number, number, number, number)
     poses = made(Pose, vectors(number), turned)
@@ -97,7 +97,7 @@ def commands(number: st.SearchStrategy[float]) -> st.SearchStrategy[RobotCommand
 
 
 def flat(values: Any) -> list[float]:
-    """Every number in the result of a decoder."""
+    """Yield every number in the result of a decoder."""
     if isinstance(values, (int, float)):
         return [float(values)]
     if isinstance(values, (tuple, list)):
@@ -153,7 +153,8 @@ def egm_bench(mode: dict[str, Any], frame: dict[str, Any], limits: dict[str, Any
 
 
 def egm_answers(bench: Bench, command: RobotCommand, cycles: int) -> None:
-    """Answer some datagrams with `command`, or hold where it is refused; all must be finite."""
+    """Answer some datagrams with `command`, or hold if it is refused; check that all numbers are
+    finite."""
     for _ in range(cycles):
         assert bench.hear() is not None
         try:
@@ -174,7 +175,7 @@ def test_egm_answers_are_finite(mode, frame, limits, asked):
     bench = egm_bench(mode, frame, limits)
     for command in asked:
         egm_answers(bench, command, 4)
-    bench.now_s += 0.3  # late, so that the reference is taken from where the controller heads
+    bench.now_s += 0.3  # late: the reference restarts from the controller's planned position
     egm_answers(bench, HoldCommand(), 2)
 
 
@@ -205,7 +206,7 @@ MOTOROS_MODES = st.sampled_from(["velocity", "stream"])
 
 
 def motoros_messages(run: SessionBench) -> list[Message]:
-    """Every message that the session sends from now on, as the controller reads it."""
+    """Return all messages that the session sends from now on, decoded by the controller."""
     sent: list[Message] = []
     outgoing = run.session.outgoing
 

@@ -1,4 +1,4 @@
-"""The gamepad's core: layouts, buttons, models, rest."""
+"""Core of the gamepad driver: layouts, buttons, models, rest."""
 
 import pytest
 from hypothesis import given, strategies as st
@@ -20,7 +20,7 @@ NOT_RESTING = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 @pytest.mark.parametrize(
     ("layout", "controls", "shifted", "axes"),
     [
-        # Left stick right and up, right stick right and up, triggers.
+        # Axes of both sticks, right and up, and triggers.
         ("sticks", (0.4, 0.8, -0.6, 0.2, 0.5, 0.0), False, (0.8, -0.4, 0.2, 0.0, 0.0, 0.6)),
         ("sticks", (0.4, 0.8, -0.6, 0.2, 0.0, 0.0), True, (0.0, 0.0, 0.2, 0.4, 0.8, 0.6)),
         ("swapped", (-0.6, 0.2, 0.4, 0.8, 0.0, 0.0), False, (0.8, -0.4, 0.2, 0.0, 0.0, 0.6)),
@@ -41,7 +41,7 @@ def test_layouts(model, layout, controls, shifted, axes):
 
 @pytest.mark.parametrize("model", PADS)
 def test_every_button_is_heard_by_its_place(model):
-    """West is west on an Xbox pad, too, whose number for it is that of others' north."""
+    """West is west on an Xbox pad, too, where other pads use its code for north."""
     bench = Bench(model)
     labels = [label for label in bench.device.labels if not label.endswith("-trigger")]
     for label in labels:
@@ -72,7 +72,7 @@ def test_no_shift_button():
 @pytest.mark.parametrize("model", GENERIC)
 @pytest.mark.parametrize("layout", ["sticks", "swapped", "triggers"])
 def test_triggers_are_not_taken_for_a_stick(model, layout):
-    """Pressed half-way, which is a stick's middle, and let go: nothing may move then."""
+    """Half-pressed triggers report a stick's middle; their release must not cause motion."""
     bench = Bench(model, GamepadOptions(layout=layout), touched=False)
     bench.run(0.02, (0.0, 0.0, 0.0, 0.0, 0.5, 0.5))
     bench.touch()
@@ -97,7 +97,7 @@ def tap(core):
 
 
 def bluetooth_xbox():
-    """Right stick on Z and RZ, triggers on BRAKE and GAS."""
+    """Set up a pad with its right stick on Z and RZ, and its triggers on BRAKE and GAS."""
     stick, trigger = AbsInfo(0, 0, 65535, 255, 4095, 0), AbsInfo(0, 0, 1023, 3, 63, 0)
     axes = dict.fromkeys((c.ABS_X, c.ABS_Y, c.ABS_Z, c.ABS_RZ), stick)
     axes |= dict.fromkeys((c.ABS_BRAKE, c.ABS_GAS), trigger)
@@ -130,14 +130,14 @@ def unknown_pad(keys=(c.BTN_SOUTH,), axes=None, vendor=0x1234, product=1, driver
 
 
 def at_rest(right):
-    """Triggers at 0, the others in the middle."""
+    """Return axis values with the triggers at 0 and the others in the middle."""
     return {code: 128 if code in (c.ABS_X, c.ABS_Y, *right) else 0 for code in SIX}
 
 
 @pytest.mark.parametrize("right", RIGHT_AT.values(), ids=RIGHT_AT)
 @pytest.mark.parametrize("heard", [False, True], ids=["not heard before", "heard before"])
 def test_an_unknown_pads_axes_are_reported_by_where_they_rest(right, heard):
-    """Before its first report the kernel has all at 0."""
+    """The kernel reports 0 for all axes before the first report."""
     core = GamepadCore(GamepadOptions())
     rest = at_rest(right)
     before = rest if heard else dict.fromkeys(SIX, 0)
@@ -147,7 +147,7 @@ def test_an_unknown_pads_axes_are_reported_by_where_they_rest(right, heard):
     assert core.state(0.0).link is DeviceLink.LIVE
     feed(core, (3, right[1], 0))
     assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    # The assignment found at rest stays, whatever positions the axes have later.
+    # The assignment found at rest is kept for all later positions.
     feed(core, *((3, code, 128) for code in SIX), (3, right[0], 0), (3, right[1], 0))
     assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 
@@ -168,7 +168,7 @@ def test_a_stick_that_is_held_while_it_is_opened_is_no_trigger(right, held):
 
 @pytest.mark.parametrize("driver", ["playstation", "sony", "xpad", "xone-gip-gamepad"])
 def test_the_kernels_own_drivers_say_what_is_what(driver):
-    """Held controls do not matter: here the triggers half-way, and the stick in its corner."""
+    """Held controls do not matter: here half-pressed triggers, and a stick in its corner."""
     core = GamepadCore(GamepadOptions())
     held = dict.fromkeys(SIX, 128) | {c.ABS_RX: 0, c.ABS_RY: 0}
     core.on_opened(
@@ -267,7 +267,7 @@ def test_a_stick_held_while_it_is_opened_does_not_move():
 
 
 def test_a_button_held_while_it_is_opened_counts_once_it_was_up():
-    """A release of the dead-man meanwhile could not be seen."""
+    """A release of the dead-man before the opening would have been missed."""
     bench = Bench()
     bench.press("left-shoulder")
     bench.core.events()
@@ -283,7 +283,7 @@ def test_a_button_held_while_it_is_opened_counts_once_it_was_up():
 
 @pytest.mark.parametrize("model", [*PADS, "keyboard"])
 def test_nothing_is_believed_of_a_device_that_nobody_touched(model):
-    """Before the first frame the kernel's values are a guess: all zero."""
+    """Before the first frame the kernel's values are only a guess: all zero."""
     bench = Bench(model, touched=False)
     state = bench.run(1.0)
     assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, REST)
@@ -313,7 +313,7 @@ def test_a_frame_counts_when_it_is_whole():
 
 
 def test_the_stamp_is_that_of_the_newest_look():
-    """Silence while deflected is normal; an old stamp would make the gateway stop."""
+    """A deflected device may be silent; an old stamp would make the gateway stop."""
     bench = Bench()
     state = bench.run(2.0, NOT_RESTING)
     assert state.link is DeviceLink.LIVE

@@ -1,4 +1,4 @@
-"""Phones and headset controllers: meaning of a hand's motion, and causes of disarming."""
+"""Phones and headset controllers: mapping of device motion, and causes of disarming."""
 
 import math
 
@@ -20,7 +20,7 @@ from tests.waiting import until
 
 KINDS = ("phone", "xr")
 HALF = (0.4, -0.3, 0.0, 0.0, 0.0, 0.5)
-"""A phone that is tipped has another plane to drag in."""
+"""Deflection of axes; a tilted phone would change its plane of translation."""
 TIPPED = (0.0, 0.0, 0.0, 0.2, -0.3, 0.5)
 PLAIN = {"dead_zone": 0.0}
 
@@ -39,7 +39,7 @@ def test_a_held_hand_deflects_by_how_far_it_has_gone(kind, axes):
 
 def test_a_drag_goes_along_the_screen_of_an_upright_phone():
     bench = Bench(full_turn_deg=90.0, **PLAIN).live()
-    for step in range(1, 4):  # Tipped up, its top edge to the sky.
+    for step in range(1, 4):  # Tilted until the top edge points to the sky.
         bench.run(0.1, (0, 0, 0, 0, -step, 0))
     bench.device.press("hold")
     bench.run(0.1)
@@ -52,7 +52,7 @@ def test_a_hand_that_is_not_held_deflects_nothing(kind):
     bench = Bench(kind, **PLAIN).live()
     bench.run(0.2, HALF)
     assert bench.state.axes == NEUTRAL
-    # Where it is when it is held is where it deflects from.
+    # The pose at the press of hold is the zero of the deflection.
     bench.device.press("hold")
     bench.run(0.2)
     expected = (0.0,) * 6 if kind == "xr" else (*HALF[:3], 0, 0, 0)
@@ -94,7 +94,7 @@ def test_a_finger_that_is_lifted_does_not_go_back():
 def test_the_natural_grip_points_below_the_grips_axis():
     plain, natural = Bench("xr").held(), Bench("xr", grip_deg=45.0).held()
     difference = rotation_between(plain.state.pose.orientation, natural.state.pose.orientation)
-    # Nose down is the positive turn about y, which is to the left.
+    # Nose down is the positive rotation about y, which points left.
     assert difference == pytest.approx((0, math.radians(45), 0), abs=1e-3)
 
 
@@ -112,7 +112,7 @@ def test_a_phones_inertia_is_that_of_the_phone_as_it_lies():
     bench = Bench().live()
     assert bench.state.inertia.acceleration == pytest.approx((0, 0, 9.81), abs=0.01)
     assert bench.state.inertia.rates == pytest.approx((0, 0, 0), abs=0.01)
-    # Tipped up by 30°: the top edge feels some of it.
+    # Tilted up by 30°: gravity has a component along the top edge.
     bench.run(0.1, (0, 0, 0, 0, -1.0, 0))
     assert bench.state.inertia.acceleration.x == pytest.approx(9.81 * 0.5, abs=0.02)
 
@@ -133,7 +133,7 @@ def test_the_other_hand_is_another_device(part):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_hand_whose_heading_nobody_knows_moves_nothing(kind):
     bench = Bench(kind)
-    bench.device.next_due_s = bench.now_s = 10.0  # Align was pressed long before.
+    bench.device.next_due_s = bench.now_s = 10.0  # Align was pressed long before this.
     bench.core.on_opened(10.0)
     bench.held(HALF)
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
@@ -199,7 +199,7 @@ def test_a_fault_disarms_until_the_hand_lets_go(kind, fault, words):
     assert words in reason or (kind == "xr" and fault == "null" and "tracking" in reason)
     device.senses = device.tracking = device.visible = True
     bench.run(0.5)
-    # All is well again, and the hand holds on.
+    # All faults are over, and hold is still pressed.
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
     assert (bench.state.axes, bench.state.buttons) == (NEUTRAL, frozenset())
     let_go_and_hold(bench)
@@ -351,7 +351,7 @@ def test_an_alignment_is_void_after_a_jump_of_its_reference(kind, held, jumps, w
     if held:
         bench.device.release("hold")
         bench.run(0.1)
-    # The hand releases and holds again: forward would go sideways.
+    # Hold was released and pressed again: forward would move sideways.
     state = bench.held(HALF).state
     assert (state.link, state.axes, state.pose) == (DeviceLink.NEEDS_NEUTRAL, NEUTRAL, None)
     assert words in state.reason
@@ -438,7 +438,7 @@ def test_a_page_that_is_not_there_says_what_to_open():
 
 
 def test_the_hand_of_the_simulated_page_can_be_followed_by_a_hand():
-    """Its fastest built-in motion is no jump."""
+    """Its fastest built-in motion is not taken for a jump."""
     bench = Bench("xr").held()
     for step in range(200):
         angle = 2 * math.pi * step / 60

@@ -1,4 +1,4 @@
-"""Devices that are plugged in, as the kernel tells of them."""
+"""Hot-plug events of the kernel."""
 
 import contextlib
 import socket
@@ -14,7 +14,7 @@ NEVER = threading.Event()
 
 @pytest.fixture
 def reports_devices():
-    """Monitor whose socket has been told some datagrams."""
+    """Function that returns a monitor whose socket holds these datagrams."""
     with contextlib.ExitStack() as stack:
 
         def make(*datagrams):

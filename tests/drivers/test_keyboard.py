@@ -1,4 +1,4 @@
-"""The keyboard's core: keys, ramp, modifiers, giving the keyboard back."""
+"""Core of the keyboard driver: keys, ramp, modifiers, release of the keyboard."""
 
 import pytest
 
@@ -56,7 +56,7 @@ def test_other_keys_are_buttons():
     assert bench.press("space", "a", "f5").buttons == {"space", "f5"}
     assert "space" in bench.core.buttons
     assert "a" not in bench.core.buttons
-    assert {"space", "f5"} < set(KeyboardCore(KeyboardOptions()).buttons)  # Of no keyboard yet.
+    assert {"space", "f5"} < set(KeyboardCore(KeyboardOptions()).buttons)  # without a keyboard
     bench.release("f5")
     edges = [(event.button, event.pressed) for event in bench.core.events()]
     assert edges == [("space", True), ("f5", True), ("f5", False)]
@@ -64,7 +64,7 @@ def test_other_keys_are_buttons():
 
 @pytest.mark.parametrize("modifier", ["left-ctrl", "right-alt", "left-meta"])
 def test_keys_together_with_a_modifier_do_not_move(modifier):
-    """Ctrl-C in the terminal is not meant for the robot."""
+    """Ctrl-C in the terminal is no command for the robot."""
     bench = Bench("keyboard")
     assert bench.press(modifier, "c").axes == REST
     assert bench.release(modifier).axes == REST, "nor while the fingers leave"

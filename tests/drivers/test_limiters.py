@@ -1,4 +1,5 @@
-"""Limiters that start, follow, coast and meet walls. Any input: test_egm_limits.py."""
+"""Limiters at start, in tracking, coasting and at walls. test_egm_limits.py has arbitrary
+inputs."""
 
 import math
 import random
@@ -36,7 +37,7 @@ def test_joints_start_at_rest_where_they_are():
     assert limiter.reference == [0.2, 0.3]
     assert limiter.velocity == [0.0, 0.0]
     assert not limiter.moving
-    limiter.track((0.2, 0.3), None, DT_S)  # The target of before is forgotten.
+    limiter.track((0.2, 0.3), None, DT_S)  # The previous target is forgotten.
     assert not limiter.moving
 
 
@@ -93,12 +94,12 @@ AXES = (
 
 
 def towards(distance, acceleration, dt_s):
-    """The speed that closes `distance` and can still be stopped."""
+    """Return the speed that closes `distance` and can still be stopped."""
     return math.copysign(stopping_speed(abs(distance), acceleration, dt_s), distance)
 
 
 def next_speed(axis, position, before, wanted, target, dt_s):
-    """Of a joint, at `wanted`, or towards a target that moves so."""
+    """Return the next speed of a joint at `wanted`, or towards a target that moves at `wanted`."""
     lower, upper, speed, acceleration = axis
     if target is not None:
         wanted = min(max(wanted, -speed), speed)
@@ -110,7 +111,7 @@ def next_speed(axis, position, before, wanted, target, dt_s):
 
 
 def script(seed, longest_s):
-    """Yield the verb, duration, rates and target steps of each period; half of the targets move."""
+    """Yield verb, duration, rates and target steps of each period; half of the targets move."""
     rng = random.Random(seed)
     for _ in range(8):
         verb = rng.choice(("track", "track", "tracking", "drive", "brake", "reset", "coast"))
@@ -240,7 +241,7 @@ def test_a_point_coasts_to_the_walls_and_from_outside_as_it_moves(start, velocit
 
 
 def expected(place, now, wanted, dt_s=DT_S):
-    """As much of `wanted` as walls and acceleration leave, found by halving."""
+    """Return the largest multiple of `wanted` that walls and acceleration allow, by bisection."""
     low = [-stopping_speed(q - wall, A_WALL, dt_s) for q, wall in zip(place, BOX[0], strict=True)]
     high = [stopping_speed(wall - q, A_WALL, dt_s) for q, wall in zip(place, BOX[1], strict=True)]
     clipped = [min(max(v, a), b) for v, a, b in zip(wanted, low, high, strict=True)]
@@ -265,7 +266,7 @@ steps = st.tuples(*[st.sampled_from((-1.0, -0.4, 0.0, 0.3, 1.0))] * 3)
 def test_walls_come_first_and_the_rest_as_far_as_it_fits(place, now, step):
     at = Vector3(*(share * wall for share, wall in zip(place, BOX[1], strict=True)))
     limiter = point()
-    # A possible initial state: a velocity that the period before allowed.
+    # A possible initial state: a velocity that the previous period allowed.
     limiter.reset(at, [0.28 * v for v in now])
     before = limiter.velocity
     change = 2.0 * DT_S / max(1.0, math.hypot(*step))
@@ -299,12 +300,12 @@ def test_what_walls_demand_and_the_rest_together_are_no_more_than_the_walls_want
 
 
 def plus(a, b, factor=1.0):
-    """a + factor·b."""
+    """Return a + factor·b."""
     return Vector3(*(p + factor * q for p, q in zip(a, b, strict=True)))
 
 
 def steered(now, error, forward, speed, acceleration, dt_s):
-    """The next velocity of what is `error` away from a target that moves at `forward`."""
+    """Return the next velocity of a point `error` away from a target that moves at `forward`."""
     wanted = limit_norm(Vector3(*forward), speed)
     left = plus(error, wanted, -dt_s)
     far = math.hypot(*left)
@@ -394,7 +395,7 @@ def test_an_orientation_follows_what_turns_and_takes_the_short_way_as_fast_as_it
             if any(jumps) and rng.random() < 0.2:
                 target, seen = any_orientation(rng), None
                 limiter.reset(at, before)
-            # As controllers send them: either sign, and a length that is not exactly 1.
+            # Values as sent by controllers: either sign, and a length that is not exactly 1.
             target = multiply(from_rotation_vector(plus(ZERO3, rates, 0.3 * dt_s)), target)
             length = rng.choice((1.0, -1.0)) * (1.0 + rng.choice((0.0, 1e-7)))
             error = wanted = ZERO3
@@ -456,7 +457,7 @@ def test_an_orientation_starts_and_coasts_at_the_velocity_it_may_have():
     turned = from_rotation_vector(Vector3(1.8, 0.0, 2.4))
     assert limiter.reference == pytest.approx(turned, abs=1e-9)
     limiter.reset(IDENTITY)
-    limiter.track(IDENTITY, None, DT_S)  # The target of before is forgotten.
+    limiter.track(IDENTITY, None, DT_S)  # The previous target is forgotten.
     assert not limiter.moving
 
 

@@ -1,4 +1,4 @@
-"""The difference between a robot and its commands after lost time, by itself."""
+"""Compensation of the lag that lost time leaves between a robot and its commands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PERIOD_S = 0.004
 
 
 def play(lost, velocity, seconds, before=None):
-    """Periods of a command that moves at `velocity`; the speeds that come out, without it."""
+    """Feed periods of a command that moves at `velocity`; return the compensating speeds."""
     rates = []
     moved = [v * PERIOD_S for v in velocity]
     for _ in range(round(seconds / PERIOD_S)):
@@ -105,7 +105,7 @@ def test_a_robot_that_has_stopped_is_not_moved_back_while_its_command_brakes():
     lost.passed(5.0, error=(-0.5, 0.0), slip=(-0.1, 0.0))
     found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 250], 0.1)
     assert min(found) >= 0.0
-    assert max(found) < 0.5 * 0.1  # Needed to reach the place where the command rests.
+    assert max(found) < 0.5 * 0.1  # necessary to reach the commanded position
     assert not any(found[-200:])
     assert lost.offset[0] == pytest.approx(0.0, abs=1e-9)
 
@@ -129,7 +129,7 @@ def test_one_that_went_on_brakes_as_it_should():
     found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 500], 0.1)
     assert max(found) <= 0.1 + 1e-9
     assert max(a - b for a, b in pairwise(found)) <= 1.5 * PERIOD_S
-    assert min(found) > -0.5 * 0.1  # Back to where the command rests.
+    assert min(found) > -0.5 * 0.1  # back to the commanded position
     assert max(b - a for a, b in pairwise(found)) <= 1.0 * PERIOD_S
 
 
@@ -156,7 +156,7 @@ def test_nothing_moves_for_long_after_its_command_has_come_to_rest(speed, ahead,
     assert not any(found[-250:])
     assert (lost.offset[0] == 0.0) == (gap_s < 1.0)
     resting = found[-250 - len(rests) :]
-    # Neither fast nor hard, and in one go.
+    # The correction is slow and smooth, and has a single direction.
     assert max(map(abs, resting)) <= (0.5 if gap_s <= 0.06 else 0.7) * speed
     assert max(abs(b - a) for a, b in pairwise(resting)) <= 10.0 * speed * PERIOD_S
     assert len({v > 0.0 for v in resting if abs(v) > 0.01 * speed}) <= 1

@@ -1,4 +1,4 @@
-"""The narrower of our limits and of those that a controller gives for its velocity mode."""
+"""Intersection of Cardan's limits and those that a controller reports for its velocity mode."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def agreed(
     velocity: Sequence[float] = (0.0, 0.0),
     acceleration: Sequence[float] = (0.0, 0.0),
 ) -> JointLimits:
-    """With what the controller says of two joints; it has ten of each, zero where it has none."""
+    """Return the limits for a controller that reports these of two joints, and zeros for eight
+    more."""
     joints = [(*values, *[0.0] * 8) for values in (velocity, acceleration, lower, upper)]
     return agreed_limits(OURS, VelocityInfo(1, 4000, 100, 0, 1, 2, *joints))
 
@@ -60,7 +61,7 @@ def test_what_is_sent_as_float32_is_not_above_their_limit(theirs):
         ((-0.5, 9.0), (-0.5, 1.0)),
         ((-9.0, 9.0), (-1.0, 1.0)),
         ((-1.0, 1.0), (-1.0, 1.0)),
-        # Limits that are no range, or that do not overlap with ours, are ignored.
+        # Reported limits that are no range, or do not overlap with Cardan's, are ignored.
         ((0.5, 0.5), (-1.0, 1.0)),
         ((0.5, -0.5), (-1.0, 1.0)),
         ((1.0, 3.0), (-1.0, 1.0)),

@@ -1,4 +1,4 @@
-"""Every number a MotoROS controller can give has plain words of its own."""
+"""Every code of a MotoROS controller has a plain text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The MotoROS driver over real loopback sockets. Nothing here sleeps: selects have deadlines."""
+"""The MotoROS driver over real loopback sockets. No test sleeps: selects have deadlines."""
 
 import contextlib
 import csv
@@ -24,7 +24,7 @@ TURN = JointVelocityCommand((0.4, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 @contextlib.contextmanager
 def controller(**options):
-    """A simulated controller, served by a thread."""
+    """Simulated controller, served by a thread."""
     options.setdefault("servo_on", True)
     peer = MotorosControllerPeer(MotorosControllerOptions(base_port=0, **options))
     with in_a_thread(peer):
@@ -43,12 +43,12 @@ def driver(peer, **options):
 
 
 def wants_enable_again(state):
-    """Whether motion has ended, as it must, because this computer stood still."""
+    """Return whether this computer stood still for so long that motion ended."""
     return state.link is RobotLink.LIVE and "enable motion again" in state.hold_reason
 
 
 def run(robot, command, until, limit_s=PATIENCE_S):
-    """Answer with `command` until a state is `until`; returns that state."""
+    """Answer with `command` until `until` is true of a state; return that state."""
     end_s = time.monotonic() + limit_s
     for state in robot.cycles():
         if until(state):
@@ -87,7 +87,7 @@ def test_it_connects_is_enabled_moves_and_leaves_the_robot_at_rest(mode):
                     break
         assert first is not None
         assert robot.enabled
-        states.close()  # brakes; the controller's own clock may have a few points still to go
+        states.close()  # brakes; the controller may still have a few points to execute
         assert not robot.enabled
         end_s = time.monotonic() + PATIENCE_S
         while abs(peer.controller.velocity_rad_s(0)[0]) > 1e-3:
@@ -97,7 +97,7 @@ def test_it_connects_is_enabled_moves_and_leaves_the_robot_at_rest(mode):
         assert peer.servers.counters.pieces == 0
         metrics = robot.metrics()
         assert metrics["commands"] > 2
-        # Requests are sent one at a time: half took p50 or longer; the histogram is 5 % coarse.
+        # Requests are sequential: half took p50 or longer; the histogram is 5 % coarse.
         requests = robot._session.requests.latency.count
         lasted_s = time.monotonic() - begin_s
         assert 0.0 < metrics["request_p50_s"] * requests / 2 < 1.05 * lasted_s

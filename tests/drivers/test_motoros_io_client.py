@@ -1,4 +1,4 @@
-"""Inputs, outputs and registers: requests, results of answers, and of missing ones."""
+"""Inputs, outputs and registers: requests, and results of answers or missing ones."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ Answer = Callable[[Message], "Message | bytes | None"]
 
 
 class ScriptedServer:
-    """A server on loopback, with an answering function for each connection; ends by itself."""
+    """Server on loopback with an answering function for each connection; ends by itself."""
 
     def __init__(self, *connections: Answer, byte_order: ByteOrder = ByteOrder.LITTLE) -> None:
         self._wire = wire(byte_order)
@@ -290,7 +290,7 @@ def serving(
 
 
 def memory() -> Answer:
-    """A controller with bits, groups and registers that are independent of each other."""
+    """Controller with bits, groups and registers that are independent of each other."""
     values: dict[tuple[int, int], int] = {}
 
     def answer(message: Message) -> Message:

@@ -1,4 +1,4 @@
-"""Requests go one at a time, and a reply is trusted only if it is the request's own."""
+"""Sequential requests, whose replies are accepted only if they match the request."""
 
 import math
 
@@ -25,7 +25,7 @@ INFO = VelocityInfo(1, 4000, 100, 0, 1, 6, ZEROS, ZEROS, ZEROS, ZEROS)
 
 
 class Asked:
-    """Requests whose answers are kept."""
+    """Requests whose answers are recorded."""
 
     def __init__(self, **options):
         self.requests = MotionRequests(0, **options)
@@ -89,7 +89,7 @@ def test_a_reply_to_something_else_is_named_and_not_delivered(answer, words):
 
 
 def test_the_reply_before_sent_again_is_seen():
-    """MotoROS answers so to a command that it does not know."""
+    """MotoROS repeats its last reply when it does not know a command."""
     asked = Asked().control(STOP)
     first = asked.sent()
     stale = reply(MotionReply(0, first.sequence, STOP, 0, 0))
@@ -134,7 +134,7 @@ def test_time_outs_are_short_for_questions_and_long_for_starts():
     asked.control(MotionCommand.START_TRAJ_MODE).sent(20.0)
     assert asked.requests.deadline_s == 32.0
     asked.requests.received(reply(MotionReply(0, 2, 200121, 0, 0)), 21.0)
-    assert asked.requests.latency.count == 0  # the robot's time, not the line's
+    assert asked.requests.latency.count == 0  # time of the robot, not of the line
 
 
 def test_dropping_keeps_the_place_of_the_reply_that_is_awaited():

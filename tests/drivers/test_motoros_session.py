@@ -41,13 +41,13 @@ def bench(mode="auto", answer=None, start_s=100.0, driver=None, **controller):
 
 
 def turning(bench, speed=0.4):
-    """Joint 1 turns at `speed`, rad/s."""
+    """Return a session whose joint 1 turns at `speed`, rad/s."""
     bench.answer = lambda state: JointVelocityCommand((speed,) + (0.0,) * 5)
     return bench
 
 
 def commanded_speeds(bench, of=0.004):
-    """Speed of joint 1 as the controller commands it, over steps of `of` s."""
+    """Return the speeds of joint 1 that the controller commands, over steps of `of` s."""
     found, (then, where) = [], bench.trace[0][:2]
     for now, position, _ in bench.trace:
         if now - then >= of - 1e-9:
@@ -84,7 +84,7 @@ def test_states_come_at_least_every_tenth_of_a_second():
         stamps = [state.stamp_s for state in run.states]
         gaps = [b - a for a, b in pairwise(stamps)]
         assert max(gaps) <= 0.1 + 1e-6
-        assert min(gaps) > 0.02  # One for each status, and none twice.
+        assert min(gaps) > 0.02  # one for each status, and none twice
 
 
 def test_a_refused_connection_is_tried_again_later_and_later():
@@ -171,7 +171,7 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_added_latency_is_small(mode):
-    """From the control instant to the middle of the motion commanded for it."""
+    """Latency from a control instant to the middle of the motion commanded for it."""
     run = bench(mode).ready()
     start_s, home = run.now_s, run.states[-1].joints
     run.trace.clear()
@@ -244,7 +244,7 @@ def test_enabling_without_a_connection_is_refused_and_not_remembered():
 @pytest.mark.matrix("stream")
 @pytest.mark.parametrize("mode", MODES)
 def test_the_guide_and_the_robot_agree_after_rest(mode):
-    """Integrated velocities drift by fractions of a period; rest corrects that."""
+    """Integrated velocities drift by fractions of a period; rest corrects this."""
     run = bench(mode).ready()
     start = run.states[-1].joints
     run.answer = lambda state: JointVelocityCommand((0.7 if state.sequence % 30 < 15 else 0.1,) * 6)
@@ -273,7 +273,7 @@ HANDS_LATER = [
     for place, mode in enumerate(MODES)
     if place != number % len(MODES)
 ]
-"""In the matrix: each is tried in one mode with every change."""
+"""Cases of the matrix; with every change, each is tried in one mode."""
 
 
 @pytest.mark.matrix(*HANDS_LATER)
@@ -314,8 +314,8 @@ def test_a_start_that_is_refused_says_why():
 
 
 def misplace(run, times):
-    """The arm is 0.005 rad from where the client says that it is, at its next `times` points 0;
-    returns the subcodes that they get."""
+    """Offset the arm by 0.005 rad from the client's position at its next `times` points 0; return
+    the subcodes in the replies."""
     (group,) = run.controller._groups
     begin, answers = group.begin, []
 
@@ -331,7 +331,7 @@ def misplace(run, times):
 @pytest.mark.matrix("3")
 @pytest.mark.parametrize("times", [1, 3, 1000])
 def test_a_refused_first_point_is_followed_by_no_other(times):
-    """The controller has kept it: the next point would make the arm jump there."""
+    """The controller has stored its target: the next point would make the arm jump there."""
     run = turning(bench("stream").run(1.0))
     answers = misplace(run, times)
     run.session.enable(run.now_s)
@@ -378,7 +378,7 @@ def test_a_lost_motion_connection_comes_back_without_motion():
     where = run.controller.command_rad(0)
     run.run(3.0)
     assert run.session.phase is MotionPhase.IDLE
-    assert run.controller.command_rad(0) == where  # STOP_MOTION emptied what was left
+    assert run.controller.command_rad(0) == where  # STOP_MOTION emptied the queue
     assert run.session.metrics(run.now_s)["reconnects"] == 1.0
     assert not [words for words in run.session.diagnosis(run.now_s) if "motion ended" in words]
     run.ready().unplug("motion")
@@ -487,7 +487,7 @@ def test_the_controllers_own_limits_count_where_they_are_narrower():
     run.trace.clear()
     run.run(1.0)
     assert max(speed for _, speed in commanded_speeds(run, 0.04)) <= 0.3 + 1e-3
-    assert run.session.control.counters.speed_limited == 0  # nothing was left for it to limit
+    assert run.session.control.counters.speed_limited == 0  # the speed limiter had no effect
 
 
 def test_another_arm_than_the_controllers_is_refused():
@@ -560,7 +560,7 @@ def test_measured_speeds_are_reported_where_they_are_trusted(trust):
 
 
 def test_a_robot_that_takes_its_time_is_waited_for():
-    """Servos off: the start takes a second, and states go on meanwhile."""
+    """Servos off: the start takes a second, and states continue meanwhile."""
     run = bench("stream", servo_on=False).run(0.5)
     run.session.enable(run.now_s)
     run.states.clear()
@@ -578,10 +578,10 @@ def test_another_client_that_takes_the_place_is_not_fought_for_ever():
             taken += 1
             run.unplug("motion")
         run.run(0.025)
-    assert taken <= 9  # 10 s, at last 2 s apart
+    assert taken <= 9  # within 10 s, finally at intervals of 2 s
 
 
-# -- asking ---------------------------------------------------------------------------------------
+# -- requests -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -612,7 +612,7 @@ def test_stop_is_at_once():
     assert run.controller.command_rad(0) == where
     assert "stopped" in run.states[-1].hold_reason
     run.session.stop(run.now_s)
-    ((_, sent),) = run.session.outgoing()  # In case it moves all the same.
+    ((_, sent),) = run.session.outgoing()  # In case the arm moves despite that.
     assert MotionCommand.STOP_MOTION.to_bytes(4, "little") in sent
     run.run(0.1)
     run.unplug("state")

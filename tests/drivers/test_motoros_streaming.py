@@ -1,4 +1,4 @@
-"""The two ways to move, against scripted replies; tests of the session have a controller."""
+"""Both kinds of motion with scripted replies; tests of the session use a simulated controller."""
 
 import math
 import struct
@@ -34,7 +34,7 @@ LIMITS = JointLimits((-3.0,) * 6, (3.0,) * 6, (2.0,) * 6, (10.0,) * 6)
 
 
 class Bench:
-    """A kind of motion, and replies as stock MotoROS would give them."""
+    """A kind of motion, with replies like those of stock MotoROS."""
 
     def __init__(self, kind, **options):
         self.options = MotorosOptions(**options)
@@ -50,7 +50,7 @@ class Bench:
         """Results of the next points, in order; afterwards success."""
         self.ready = True
         self.empty_s = 0.0
-        """When the queue will be empty."""
+        """Time at which the queue is empty."""
         self.position = list(HOME)
         self.feed.connected()
         self.publish()
@@ -72,7 +72,7 @@ class Bench:
         return max(0, math.ceil((self.empty_s - self.now_s) / IPC_S - 1e-6))
 
     def serve(self):
-        """Answer what is asked, and what is asked then."""
+        """Answer all requests, including those caused by an answer."""
         for message in self.motion.topics:
             self.velocities.append((self.now_s, message.body))
         self.motion.topics.clear()
@@ -100,7 +100,7 @@ class Bench:
             assert self.requests.received(reply(answer), self.now_s) == ""
 
     def run(self, seconds, command, step_s=1e-3):
-        """Let time pass; `command` answers each control instant. Returns how many there were."""
+        """Let time pass; `command` answers each control instant. Return the number of instants."""
         end_s = self.now_s + seconds
         instants = 0
         while self.now_s < end_s and not self.motion.ended:
@@ -265,7 +265,7 @@ class TestPointStream:
 
     @pytest.mark.parametrize("rests", [True, pytest.param(False, marks=pytest.mark.matrix)])
     def test_a_new_trajectory_is_begun_before_times_become_coarse(self, rests):
-        """At a standstill when there is one, else by a brake."""
+        """At rest if the arm rests in time, else after braking."""
         bench = Bench(PointStream, point_spacing_s=0.2).start()
         limit_ms = RENEW_TIME_MS if rests else LAST_TIME_MS
         motion, swing = bench.motion, 0
@@ -426,5 +426,5 @@ class TestVelocityStream:
         way = sum(
             0.5 * 0.004 * (a.vel[0] + b.vel[0]) for (_, a), (_, b) in pairwise(bench.velocities)
         )
-        assert way == pytest.approx(0.3, abs=5e-3)  # a period left out counts twice
+        assert way == pytest.approx(0.3, abs=5e-3)  # a dropped period counts twice
         assert bench.velocities[-1][1].vel[0] == pytest.approx(0.0, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Where an arm is compared with the way that it was commanded."""
+"""Comparison of an arm's position with its commanded path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DT_S = 0.004
 
 
 def followed(way, until_s, watch=None):
-    """A watch that saw `way`, positions by time, up to `until_s`."""
+    """Return a monitor that was fed `way`, positions by time, up to `until_s`."""
     watch = watch or TrackingMonitor(LAG_S, way(0.0), 0.0)
     for k in range(1, round(until_s / DT_S) + 1):
         watch.record(way(k * DT_S), k * DT_S)
@@ -41,7 +41,7 @@ def test_a_filter_that_cuts_a_curve_is_beside_the_way_and_no_loss():
 def test_an_arm_behind_all_of_its_way_has_lost_something():
     watch = followed(line, 2.0)
     away = watch.away(line(1.2), line(2.0))
-    # All that is older than the lag.
+    # Distance from the oldest part of the path within the allowed lag.
     assert away == pytest.approx([0.5 * -0.4, -0.2 * -0.4], abs=0.03)
 
 

@@ -1,4 +1,4 @@
-"""Output of the trajectory limiter for any input: inside range, speed and acceleration."""
+"""Outputs of the trajectory limiter stay inside range, speed and acceleration for any input."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ class TestDirection:
     def test_the_change_has_the_direction_of_the_difference(self) -> None:
         guide = guide_at(0.0, 0.0, 0.0, velocities=(0.5, 0.0, -0.5))
         guide.step(JointVelocityCommand((0.0, 0.1, 0.5)), PERIOD_S)
-        # Joint 2 needs longest: 1 rad/s at 3 rad/s².
+        # Joint 2 needs the longest time: 1 rad/s at 3 rad/s².
         share = 3.0 * PERIOD_S
         assert guide.velocity == pytest.approx([0.5 - 0.5 * share, 0.1 * share, -0.5 + share])
 
@@ -448,9 +448,10 @@ class TestRefused:
 
 
 def fastest_towards(room: float, acceleration: float, dt_s: float) -> float:
-    """The speed from which a joint stops within `room`, in periods up to five times as long.
+    """Return the speed from which a joint stops within `room`, in periods up to five times as long.
 
-    By halving: v·dt/2 in this period; then v²/(2a) and a·later²/8, or v·later/2 where one suffices.
+    By bisection, with three terms: v·dt/2 in this period, then v²/(2a), and a·later²/8, or
+    v·later/2 if one later period suffices.
     """
     later_s = min(5.0 * dt_s, 0.1)
     low, high = 0.0, 20.0
@@ -465,26 +466,26 @@ def fastest_towards(room: float, acceleration: float, dt_s: float) -> float:
 
 
 def share_of(values: Sequence[float], limits: Sequence[float]) -> float:
-    """How much of `values`, as a vector, keeps the limits."""
+    """Return the largest multiple of the vector `values` that keeps the limits."""
     return min([1.0, *(most / abs(v) for v, most in zip(values, limits, strict=True) if v)])
 
 
 class Expected:
-    """Speeds of the next period, one law after the other."""
+    """Reference implementation of the next period's speeds, one rule after the other."""
 
     def __init__(self, limits: Sequence[Sequence[float]], closing_rad_s: float) -> None:
         self.lower, self.upper, self.speed, self.acceleration = limits
         self.closing_rad_s = closing_rad_s
         self.seen: list[list[float]] = []
-        """Where the target was in the period before, if it was followed then."""
+        """Target position in the previous period, if it was followed then."""
         self.rates: list[list[float]] = []
-        """How it moved then."""
+        """Target velocity in the previous period."""
 
     def forget(self) -> None:
         self.seen, self.rates = [], []
 
     def follow(self, q, v, target, velocities, dt_s):
-        """Wanted, lowest and highest speed on the way to `target`."""
+        """Return the wanted, lowest and highest speed on the way to `target`."""
         goal = [
             min(max(g, min(low, p)), max(high, p))
             for g, p, low, high in zip(target, q, self.lower, self.upper, strict=True)
@@ -525,7 +526,8 @@ class Expected:
         return [f + closing * e for f, e in zip(forward, error, strict=True)], bounds
 
     def speeds(self, q, v, wanted, bounds, dt_s):
-        """As much of `wanted` as ends, speeds and accelerations leave, in this order."""
+        """Return the speeds that ends, speed and acceleration limits allow, applied in this
+        order."""
         wanted, ends = list(wanted), []
         mean_s = 0.5 * (dt_s + min(5.0 * dt_s, 0.1))
         for i, (p, now) in enumerate(zip(q, v, strict=True)):
@@ -570,7 +572,7 @@ class TestOnePeriod:
 
     @staticmethod
     def several(rng, guide, law, target) -> None:
-        """Some periods of one kind."""
+        """Yield some periods of one kind."""
         verb = rng.choice(("follow", "follow", "lead", "lead", "drive", "hold", "place", "shift"))
         rates = [rng.choice((0.0, 0.01, -0.2, 0.5, -1.5, 8.0, -40.0)) for _ in target]
         steps = rng.random() < 0.4
@@ -613,12 +615,12 @@ class TestOnePeriod:
     @pytest.mark.parametrize("sign", [1.0, -1.0])
     def test_an_end_matters_from_where_a_joint_at_full_speed_has_to_slow(self, sign: float) -> None:
         dt_s = 1.0 / 64.0
-        reach = 1.0 + 3.0 * dt_s  # v²/(2a), and v for the mean of this period and five of them
+        reach = 1.0 + 3.0 * dt_s  # v²/(2a), and the mean speed over this period and five of them
         for away, share in ((reach, 1e-3), (reach - 1e-9, 1.0)):
             guide = JointTrajectoryLimiter((-2.0, -9.0), (2.0, 9.0), (1.0, 1.0), (0.5, 0.5))
             guide.reset((sign * (2.0 - away), 0.0))
             guide.step(JointVelocityCommand((sign * 1000.0, 1.0)), dt_s)
-            # The other joint is slowed with the first one, or not, as that gives way to its end.
+            # The other joint is slowed with the first one only if that one has to slow for its end.
             speeds = [sign * 0.5 * dt_s, 0.5 * dt_s * share]
             assert guide.velocity == pytest.approx(speeds, rel=0.03)
 
@@ -639,7 +641,7 @@ class TestOnePeriod:
         guide.reset((0.0,) * 3, before)
         there = [0.5 * dt_s * (v + f) for v, f in zip(before, forward, strict=True)]
         guide.step(JointCommand(tuple(there), forward), dt_s)
-        share = 3.0 * dt_s / 0.5  # Of the third, which needs longest.
+        share = 3.0 * dt_s / 0.5  # Time of the third joint, which needs the longest.
         assert guide.velocity == pytest.approx(
             [v + share * (f - v) for v, f in zip(before, forward, strict=True)]
         )

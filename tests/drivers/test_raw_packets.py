@@ -1,4 +1,4 @@
-"""Every driver that exchanges bytes gives them to its callback for raw packets, as they are."""
+"""Raw-packet callback of every driver that exchanges bytes: it gets them unchanged."""
 
 import socket
 import threading
@@ -28,7 +28,7 @@ def packets():
 
 
 class Link:
-    """Gives `given`, one a time, then tells the reader to stop."""
+    """Link that returns the items of `given` one at a time, then ends the reader."""
 
     def __init__(self, *given):
         self.stop = threading.Event()

@@ -1,4 +1,4 @@
-"""The thread that all read devices share: open, lose, open again, close."""
+"""Reader thread common to all polled devices: open, lose, reopen, close."""
 
 import threading
 
@@ -18,7 +18,7 @@ from cardan.types import (
 PATIENCE_S = 10.0
 RETRY_FIRST_S, RETRY_LAST_S = reader_thread.RETRY_FIRST_S, reader_thread.RETRY_LAST_S
 FOUND_WITHIN_S = 1.0
-"""Longest time from plugging in until the device is looked for."""
+"""Longest time from plugging in to the search for the device."""
 NEUTRAL = (*ZERO_TWIST.linear, *ZERO_TWIST.angular)
 
 
@@ -63,7 +63,7 @@ class Patient(Options):
 
 
 class Device(ReadDevice):
-    """Reads a hardware that is there while `plugged` is set."""
+    """Device whose hardware is present while `plugged` is set."""
 
     _kind = "device"
 
@@ -159,7 +159,7 @@ def test_one_that_is_away_is_looked_for_within_a_second_however_long_it_was(monk
     waits_s = []
 
     class Untold:
-        """The kernel tells of nothing; waiting takes no time."""
+        """Stand-in for a monitor without kernel events; waiting takes no time."""
 
         def wait(self, timeout_s, stop):
             waits_s.append(timeout_s)

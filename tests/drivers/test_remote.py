@@ -1,4 +1,4 @@
-"""A device on another computer: its age, its edges, and its owner."""
+"""A device on another computer: age of states, button edges, and ownership."""
 
 import math
 
@@ -49,7 +49,7 @@ NETWORKS = pytest.mark.parametrize(
 )
 
 
-@pytest.mark.matrix(  # With every change, one offset without playout, and the other with it.
+@pytest.mark.matrix(  # With every change, one offset without playout and the other with it.
     *(f"{ids}-{link}" for ids in ("-1000000.0", "playout--40.0") for link in NETWORKS.kwargs["ids"])
 )
 @NETWORKS
@@ -117,7 +117,7 @@ def test_after_a_stall_nothing_is_caught_up(stall_s, playout_ms):
     in_age(bench, 0.15 + 0.07, stall_s + 0.5, lambda: seen.append((bench.now_s, bench.state)))
     lost_s = next(at_s for at_s, state in seen if state.link is DeviceLink.STALE)
     assert lost_s - fresh_s <= 0.15 + 2 * STEP_S
-    # The hand went on meanwhile: nothing counts until it has let go, and the hold is pressed anew.
+    # The hand did not stop: states count only after neutral and a new press of hold.
     assert (bench.state.axes, bench.state.buttons) == (NEUTRAL, frozenset())
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
     assert "let go" in bench.state.reason
@@ -133,7 +133,7 @@ def test_after_a_stall_nothing_is_caught_up(stall_s, playout_ms):
 
 @pytest.mark.parametrize("still_s", [0.3, 0.9, 3.0])
 def test_what_was_done_while_the_sharing_process_stood_still_counts_for_nothing(still_s):
-    """It reads all of it only then, with stamps that are new."""
+    """It reads all events only then, with new stamps."""
     bench = Bench().live()
     bench.press()
     bench.run(0.1)
@@ -143,7 +143,7 @@ def test_what_was_done_while_the_sharing_process_stood_still_counts_for_nothing(
     assert (bench.state.link, bench.state.buttons) == (DeviceLink.STALE, frozenset())
     bench.heard.clear()
     bench.frozen = False
-    bench.run(0.01)  # The loop comes before the reader of the device.
+    bench.run(0.01)  # The loop runs before the reader of the device.
     bench.press(pressed=False)
     bench.press()
     bench.press("grip")
@@ -163,7 +163,7 @@ def test_what_was_done_while_the_sharing_process_stood_still_counts_for_nothing(
 
 
 def sent_while(bench, seconds, each=lambda: None):
-    """How many states are sent a second while the device is deflected, anew each step."""
+    """Return the number of states sent per second while the deflection changes in each step."""
     before = len(bench.sent)
 
     def step():
@@ -177,12 +177,12 @@ def sent_while(bench, seconds, each=lambda: None):
 def test_what_a_link_does_not_carry_is_not_sent():
     bench = Bench(LAN, max_age_s=0.5).live()
     free_hz = sent_while(bench, 1.0)
-    bench.down.rate_bps = 200e3  # some 100 states a second
+    bench.down.rate_bps = 200e3  # about 100 states per second
     sent_while(bench, 1.0)
     came = len(bench.came)
     assert sent_while(bench, 2.0) <= 0.5 * free_hz
     assert max(at_s - sent_s for at_s, sent_s, _ in bench.came[came:]) <= 0.1
-    # The release of a button waits for no other's turn.
+    # The release of a button does not wait for other states.
     bench.press()
     sent_while(bench, 0.5)
     bench.press(pressed=False)
@@ -198,9 +198,9 @@ def test_what_a_link_does_not_carry_is_not_sent():
 def test_the_first_state_of_a_motion_and_its_last_wait_for_no_others_turn(rate_bps):
     bench = Bench(LAN, max_age_s=0.5).live()
     bench.down.rate_bps = rate_bps
-    for since in range(20):  # whenever a claim was answered last
+    for since in range(20):  # for any time since the last answered claim
         for x in (0.5, 0.0):
-            # Other states wait longer on a link that does not carry them.
+            # On a saturated link other states wait longer.
             sent_while(bench, 0.5)
             bench.move(0.5 - x)
             bench.run(0.15 + since * STEP_S)
@@ -241,7 +241,7 @@ def test_a_press_that_is_too_old_arms_nothing_and_a_release_lets_go():
     bench.press("grip")
     bench.run(0.1)
     bench.heard.clear()
-    # Only states with edges are lost, for as long as these are repeated.
+    # Only states with edges are lost, while these are repeated.
     bench.mangle = lambda message: message | {"edges": [], "buttons": ["grip"]}
     bench.press("hold")
     bench.press("grip", False)
@@ -290,11 +290,11 @@ def test_a_link_that_is_cut_in_one_direction_stops_in_time(way, playout_ms):
     assert bench.state.link is DeviceLink.LIVE
 
 
-# -- clocks that jump, or lie ---------------------------------------------------------------------
+# -- wrong clocks ---------------------------------------------------------------------------------
 
 
 SEEDS_NOW = {"-lan": 0, "-lte": 1, "playout-lan": 2, "playout-lte": 3}
-"""Seed of each link that runs with every change; in the matrix, all seeds run for all links."""
+"""Seed of each link in the runs with every change; in the matrix, all links have all seeds."""
 
 
 @pytest.mark.matrix(
@@ -304,7 +304,8 @@ SEEDS_NOW = {"-lan": 0, "-lte": 1, "playout-lan": 2, "playout-lte": 3}
 @pytest.mark.parametrize("link", [LAN, LTE], ids=["lan", "lte"])
 @PLAYOUTS
 def test_no_clock_makes_a_state_younger_than_its_round_trip_allows(link, seed, playout_ms):
-    """The clock there jumps by what the network stalls, when that would hide it best."""
+    """The operator's clock jumps by the length of a stall, at the time that hides the stall
+    best."""
     bench = Bench(link, seed=seed, max_age_s=0.15, playout_ms=playout_ms).live()
     round_s = bench.core.metrics(bench.now_s)["round_trip_s"]
     bound_s = 0.15 + CLAIM_PERIOD_S + round_s + 2 * STEP_S
@@ -330,7 +331,7 @@ def test_no_clock_that_goes_back_makes_a_press_younger(lie_s):
     bench.device = bench.device._replace(stamp_s=bench.there_s)
     bench.down.cut = False
     bench.run(0.2, lambda: bench.move(0.0))
-    # A state whose edges seem to be of the future is unused until they are acknowledged or past.
+    # A state whose edges seem to be in the future is unused until they are acknowledged or past.
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
     bench.run(1.0)
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
@@ -536,7 +537,7 @@ def test_a_claim_that_the_giving_back_overtook_takes_nothing():
         share.on_received(received(CLAIM_TYPE, message), 1.0)
     assert share.lessee(1.0) == ""
     assert share.counts["claims that came twice or late"] == 2
-    # Another session may have it at once, by a clock of its own, and the same one anew.
+    # Another session may claim it at once, by its own clock, and then the first one again.
     for lessee, asked_s, sender in ((6, 0.5, 2), (5, 1.06, 1)):
         for wanted in (True, False):
             reported = claim(lessee, asked_s + 0.01 * (not wanted), wanted)
@@ -599,7 +600,7 @@ def test_a_process_that_shares_anew_counts_from_rest(lie_s):
     bench.device = bench.device._replace(stamp_s=bench.there_s)
     seen = []
     bench.run(0.5, lambda: seen.append(bench.state))
-    # States sent before are at most as old as max_age_s.
+    # States sent before are at most max_age_s old.
     assert not any(any(state.axes) or state.buttons for state in seen[80:])
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
     assert bench.core.protocol_errors()["malformed"] == 0
@@ -685,7 +686,7 @@ def test_claims_that_are_none_are_counted():
 
 
 def test_a_message_that_is_longer_than_any_is_not_decoded():
-    """One of 8 MB takes seconds, in which the arm's loop waits for the state."""
+    """Decoding 8 MB takes seconds, in which the arm's loop would wait for the state."""
     bench, decoded = Bench().live(), []
     for core in (bench.core, bench.share):
         core._codec = Decoding(core._codec, decoded)
@@ -722,7 +723,7 @@ def test_a_stranger_cannot_fill_the_memory_with_words():
 
 
 class Decoding:
-    """A codec that records decoded messages."""
+    """Codec that records decoded messages."""
 
     def __init__(self, codec, decoded):
         self._codec, self._decoded = codec, decoded
@@ -762,7 +763,7 @@ def test_who_does_not_share_is_reported_how():
 @pytest.mark.parametrize(
     ("device", "watchdogs", "cautioned"),
     [
-        ({}, {}, False),  # On a LAN both defaults do.
+        ({}, {}, False),  # On a LAN both defaults hold.
         ({"max_age_s": 0.3}, {}, True),
         ({"max_age_s": 0.3}, {"device_age_s": 0.3}, False),
     ],

@@ -1,4 +1,4 @@
-"""Force that goes back to a hand on another computer, in virtual time: messages, and both ends."""
+"""Force feedback to a device on another computer, in virtual time: messages, and both ends."""
 
 import itertools
 import math
@@ -132,7 +132,7 @@ def test_forces_that_mean_nothing_are_refused(change, words):
 
 
 class StillHand(FakeHaptic):
-    """A hand that stands still: what it is told to render is what it feels."""
+    """Device that stands still and measures exactly the commanded force."""
 
     def __init__(self):
         super().__init__()
@@ -145,7 +145,7 @@ class StillHand(FakeHaptic):
 
 
 def pressed(link=None, **options):
-    """A bench whose hand feels 1 N from far away."""
+    """Return a bench whose device renders 1 N from the remote session."""
     bench = Bench(link or Link(), haptic=StillHand(), **options).live()
     bench.command = PRESSED
     bench.run(1.0)

@@ -1,4 +1,4 @@
-"""A remote device's motion at its own spacing, from states that arrive as they may."""
+"""Playout of a remote device's motion with its original spacing, after network jitter."""
 
 import itertools
 import math
@@ -16,7 +16,7 @@ from cardan.types import IDENTITY, NEUTRAL, Axes, DeviceLink, Pose, Vector3
 from tests.drivers.remote_bench import STEP_S, Bench, Link, Way
 
 PERIOD_S = 0.008
-"""Between the reports of a SpaceMouse."""
+"""Time between reports of a SpaceMouse."""
 FINE_S = 0.0005
 """Step of the virtual time in which a network's states are played."""
 OFFSET_S = 1000.0
@@ -24,19 +24,19 @@ MAX_AGE_S = 0.3
 
 
 class Network(NamedTuple):
-    """A network, and the playout that is tried on it."""
+    """Network, and the playout options to be tested on it."""
 
     link: Link
     playout_s: float
     stall_s: float = 0.0
-    """Nothing arrives for so long, then all of it ..."""
+    """Length of a stall, after which everything queued arrives."""
     stalls_every_s: float = math.inf
-    """... so often."""
+    """Period of the stalls."""
     drift: float = 1e-4
     stamp_noise_s: float = 0.0
 
 
-WIFI = Network(Link(0.0, 0.013, loss=0.01), 0.03)  # 5 ± 8 ms: none is quicker than 0.
+WIFI = Network(Link(0.0, 0.013, loss=0.01), 0.03)  # 5 ± 8 ms, but at least 0
 LTE = Network(Link(0.025, 0.04, loss=0.01), 0.06)
 NETWORKS = {
     "wifi": WIFI,
@@ -49,20 +49,20 @@ NETWORKS = {
 
 
 class Played(NamedTuple):
-    """Timing results, without the first second: s."""
+    """Timing results without the first second, s."""
 
     arrived_error: list
-    """Of the spacing of states on arrival against that of their stamps, absolute."""
+    """Absolute errors of the spacing of states on arrival, compared with their stamps."""
     played_error: list
-    """The same of the states played."""
+    """The same errors of the played states."""
     added: list
-    """From arrival to play."""
+    """Times from arrival to playout."""
     ages: list
-    """Of the states shown, each step."""
+    """Ages of the shown states in each step."""
 
 
 def played(network, seconds=20.0, seed=1, period_s=PERIOD_S, x=lambda t: 0.5):
-    """Play the states of a hand that is never at rest."""
+    """Play the states of a device that is never at rest."""
     way = Way(network.link, random.Random(seed))
     playout = Playout(network.playout_s, MAX_AGE_S)
     arrived, shown = {}, {}
@@ -79,7 +79,7 @@ def played(network, seconds=20.0, seed=1, period_s=PERIOD_S, x=lambda t: 0.5):
             way.send(sent, now_s)
         for number in way.arrived(now_s):
             if number <= newest:
-                continue  # As the core does with states that come twice or late.
+                continue  # The core also drops duplicates and late states.
             newest = number
             made_s = number * period_s
             there_s = OFFSET_S + made_s * (1.0 + network.drift)
@@ -150,12 +150,12 @@ def test_motion_is_stretched_and_shortened_by_a_tenth_at_most():
     assert max(spans) <= 1.1 + 1e-9
 
 
-# -- states that do not wait ----------------------------------------------------------------------
+# -- states without playout -----------------------------------------------------------------------
 
 
 def moved(bench, seconds, each=lambda: None, amplitude=0.5):
-    """Run while the deflection tells when the hand had it; yields what the arm had meanwhile, and
-    when the hand had it."""
+    """Run with a deflection that encodes its own time; return (time, device state, time of its
+    deflection) of each step."""
     seen = []
 
     def step():
@@ -171,7 +171,7 @@ def moved(bench, seconds, each=lambda: None, amplitude=0.5):
 
 
 def waiting(down=LTE.link, **options):
-    """Bench whose motion waits for tens of ms."""
+    """Return a bench whose motion waits for tens of ms."""
     bench = Bench(down, max_age_s=MAX_AGE_S, playout_ms=80.0, **options).live()
     bench.press()
     bench.run(0.3)
@@ -185,7 +185,7 @@ def waiting(down=LTE.link, **options):
 @pytest.mark.parametrize("again_s", [0.01, 0.03, 0.2])
 @pytest.mark.parametrize("seed", range(3))
 def test_what_was_let_go_of_never_moves_again_from_the_buffer(seed, again_s):
-    """Not even where the dead-man is pressed again while old motion would still wait."""
+    """The dead-man may be pressed again while old motion would still wait."""
     bench = waiting(seed=seed)
     bench.heard.clear()
     let_go_s = bench.now_s

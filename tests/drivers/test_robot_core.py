@@ -1,4 +1,5 @@
-"""Tests common to all robot drivers: opening, the one loop, leaving the robot safe, checks."""
+"""Tests common to all robot drivers: opening, the single loop, safe release of the robot,
+checks."""
 
 from __future__ import annotations
 
@@ -293,7 +294,7 @@ def test_threads_that_open_one_robot_open_it_once():
     class Slow(Robot):
         def _acquire(self) -> None:
             super()._acquire()
-            never.wait(0.2)  # Time for the other.
+            never.wait(0.2)  # time for the other thread
 
     robot, never = Slow(), threading.Event()
     threads = [threading.Thread(target=robot.open) for _ in range(2)]

@@ -1,5 +1,4 @@
-"""The driver of ROS 2 arms: messages that it accepts as states of its arm, and its commands, in
-virtual time."""
+"""The ROS 2 arm driver in virtual time: messages accepted as states of its arm, and commands."""
 
 import itertools
 import math
@@ -38,8 +37,10 @@ def message(positions=HOME, names=NAMES, sequence=1, stamp_s=1.0, sender=1, **mo
 
 
 class Ramp:
-    """Joint 1 turns at SPEED between BEGINS_S and `ends_s`, with gentle ends: a good controller's
-    command, which goes on from its last one and begins anew with each session."""
+    """Command that turns joint 1 at SPEED between BEGINS_S and `ends_s`, with gentle ends.
+
+    It continues from its last command like a good controller, and restarts with each session.
+    """
 
     def __init__(self, ends_s=ENDS_S, velocity=False):
         self.ends_s, self.velocity = ends_s, velocity
@@ -144,7 +145,7 @@ def test_a_flood_of_nonsense_is_an_alarm():
 
 
 def test_an_interface_that_there_is_not_is_no_measurement():
-    """A joint_state_broadcaster fills in NaN."""
+    """A joint_state_broadcaster fills in NaN for a missing interface."""
     state = session().receive(message(velocity=[math.nan] * 6, effort=[math.nan] * 6), 0.0)
     assert state.velocities == state.torques == ()
 
@@ -180,7 +181,7 @@ def test_stamps_of_zero_do_without():
 
 
 def test_stamps_that_go_back_are_a_new_session():
-    """A simulation that was reset has the arm elsewhere."""
+    """A reset simulation has its arm at another position."""
     ours = session()
     ours.receive(message(stamp_s=100.0), 0.0)
     assert ours.receive(message(sequence=2, stamp_s=1.0), 0.0).session == 2
@@ -212,9 +213,11 @@ OWN, OTHER = (bytes([number]) * 16 for number in (1, 2))
 
 
 def sent_by_two(ours, until_s=3.0, begins_s=1.0, hz=10.0, **other):
-    """The arm's node at 100 Hz, and from `begins_s` on another one at `hz`; (time, state, position
-    that is sent for joint 4) for each message. Commanded are 2 mrad more than is measured, where
-    that is ready."""
+    """Publish the arm's node at 100 Hz, and from `begins_s` on a second publisher at `hz`.
+
+    Returns (time, state, commanded position of joint 4) for each message. While the arm is ready,
+    commands are 2 mrad ahead of the measured position.
+    """
     decode = codec_of(COMMAND_TYPES["position"]).decode
     other = {"positions": (0.0,) * 6, "sender": 2} | other
     found, reported = [], 0
@@ -286,7 +289,7 @@ def test_publishers_of_other_joints_are_usual(names):
 
 
 def test_what_is_heard_first_may_be_the_wrong_one():
-    """It listens before it is ready; what is there when the second one is heard is told."""
+    """The session listens before it is ready; the reason reports the second publisher."""
     ours = session()
     ours.listens_until_s = 1.0
     first = ours.receive(message((0.0,) * 6, sender=2), 0.0)
@@ -300,7 +303,7 @@ def test_what_is_heard_first_may_be_the_wrong_one():
                 message((0.0,) * 6, sequence=n, stamp_s=1 + now_s, sender=2), now_s
             )
             assert "2 publishers of" in state.hold_reason
-    # It ends, and the arm's own counts as soon as it can have come there.
+    # The second publisher ends; states of the arm's node count once the arm can have moved there.
     states = []
     for n in range(300, 500):
         now_s = 0.01 * n
@@ -315,7 +318,7 @@ def test_what_is_heard_first_may_be_the_wrong_one():
 def test_a_process_that_stood_still_does_not_take_the_second_publisher_for_the_arms():
     ours = session()
     sent_by_two(ours, until_s=2.0)
-    # Messages queued meanwhile are read at once, the second publisher's first.
+    # Messages queued meanwhile are read at once, those of the second publisher first.
     assert ours.receive(message((0.0,) * 6, sequence=50, stamp_s=9.0, sender=2), 6.0) is None
     state = ours.receive(message(sequence=600, stamp_s=11.0), 6.001)
     assert state.joints == pytest.approx(HOME)
@@ -354,7 +357,7 @@ def test_a_state_out_of_the_arms_reach_is_reported_and_not_commanded_from():
     )
     assert ours.command(JointCommand(away), 1.0) is None
     assert state.hold_reason in ours.diagnosis(1.0)
-    # It becomes no likelier by being told again.
+    # A repeated implausible position stays implausible.
     for n in range(101, 500):
         now_s = 0.01 * n
         state = ours.receive(message(away, sequence=n, stamp_s=5.0 + now_s), now_s)
@@ -362,7 +365,7 @@ def test_a_state_out_of_the_arms_reach_is_reported_and_not_commanded_from():
         assert state.joints == pytest.approx(HOME)
         assert state.link is (RobotLink.LIVE if n <= 108 else RobotLink.LOST)
         assert ours.command(JointCommand(away), now_s) is None
-    # After a silence it may have come there.
+    # After a silence the arm may have moved there.
     state = ours.receive(message(away, sequence=500, stamp_s=10.3), 5.3)
     assert (state.session, state.ready) == (2, True)
     sent = ours.command(JointCommand(away), 5.3)
@@ -509,8 +512,8 @@ def test_a_second_command_for_a_state_is_not_sent():
 
 @pytest.mark.parametrize("answer", ["hold", "go on"])
 def test_states_that_were_kept_while_this_computer_stood_still_hide_nothing(answer):
-    """The controller has kept the last position for that long: the arm rests, and is not taken up
-    again at the speed that it had."""
+    """The controller held the last position for that long: the arm rests, and does not resume at
+    its last speed."""
     ours, period_s = session(), 0.01
     place = HOME[0]
 
@@ -575,7 +578,7 @@ def test_what_the_application_does_not_answer_brakes():
 
 @pytest.mark.matrix(
     *("duplicate-0.2", "reorder-0.05", "jitter-8.0", "absurd-0.05", "extra-1.0", "gripper-1.0"),
-    "nan-0.05",  # Beside a lost one, and an arm of which far more are no numbers.
+    "nan-0.05",  # Similar to a lost message and to an arm with far more NaN.
 )
 @pytest.mark.parametrize(
     ("fault", "value"),
@@ -598,7 +601,7 @@ def test_faults_that_are_ridden_out(fault, value):
     with WiredArm(wire) as robot:
         states = follow(robot, 10.0, ramp)
     assert {state.session for state in states if state.link is RobotLink.LIVE} == {1}
-    # A delay that becomes shorter by a cycle has the arm go a cycle's way more in 50 ms.
+    # A delay that shortens by a cycle makes the arm move a cycle's distance more in 50 ms.
     assert wire.fastest() <= 1.3 * SPEED
     assert wire.rests()
     moved = wire.core.plant.positions[0] - HOME[0]
@@ -695,7 +698,7 @@ def test_lost_time_is_lost(stall_s):
         follow(robot, 7.0, ramp, stall=(1.5, stall_s))
     assert wire.fastest() <= (1.2 if stall_s <= 0.02 else 1.01) * SPEED
     missing = ramp.at[0] - wire.core.plant.positions[0]
-    assert abs(missing) <= 0.01  # worked off at rest: nothing of it is left
+    assert abs(missing) <= 0.01  # compensated at rest, without a remainder
     assert wire.rests()
 
 
@@ -728,7 +731,7 @@ def test_silence_is_reported_at_least_every_tenth_of_a_second():
 
 
 def test_an_arm_that_is_sent_speeds_is_stopped_where_nobody_measures_it():
-    """Its controller would keep the last speed."""
+    """Without measured positions its controller would keep the last speed."""
     wire = Wire({"missing": 1.5}, controller="velocity")
     with WiredArm(wire) as robot:
         follow(robot, 3.0, Ramp(ends_s=9.0, velocity=True))

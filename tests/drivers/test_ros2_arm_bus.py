@@ -1,4 +1,4 @@
-"""The driver of ROS 2 arms against the simulated one, over Zenoh and over DDS."""
+"""The ROS 2 arm driver with the simulated arm, over Zenoh and over DDS."""
 
 import re
 import time
@@ -27,7 +27,7 @@ HOME = load_arm("ur5").home
 
 
 def cycles(robot):
-    """The states, for as long as a test may take."""
+    """Yield the states; fail after WITHIN_S."""
     begun_s = time.monotonic()
     for state in robot.cycles():
         assert time.monotonic() - begun_s < WITHIN_S
@@ -36,7 +36,7 @@ def cycles(robot):
 
 @pytest.fixture(params=["zenoh", "dds"])
 def meeting(request):
-    """Options by which the driver and the simulated arm meet."""
+    """Return options by which the driver and the simulated arm connect."""
     if request.param == "zenoh":
         return {"port": free_ports()}
     pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
@@ -74,7 +74,7 @@ def test_a_controller_of_another_name_is_reported(meeting):
 
 
 def test_a_second_publisher_of_the_joints_ends_readiness_and_both_are_named(meeting):
-    """The arm's node and a forgotten joint_state_publisher, which has zeros at 10 Hz."""
+    """The arm's node, and a forgotten joint_state_publisher that sends zeros at 10 Hz."""
     names = load_arm("ur5").joint_names
     peer = RosArmPeer(RosArmOptions(**meeting))
     if "port" in meeting:

@@ -1,4 +1,4 @@
-"""Operator devices that ROS 2's nodes read: data that show an operator, and data that do not."""
+"""Operator devices of ROS 2 nodes: data that prove an operator, and data that do not."""
 
 import math
 
@@ -68,7 +68,7 @@ def test_sticks_in_both_layouts(node):
     assert bench.state.axes == pytest.approx((0.1, -0.2, 0.3, 0.0, 0.0, 0.4), abs=0.01)
     bench.device.press("button-5" if node == "joy_node" else "button-10")
     bench.run(0.2)
-    # The left stick away is pitch, to the left is a roll to the left.
+    # Left stick away is pitch; to the left is a roll to the left.
     assert bench.state.axes == pytest.approx((0.0, 0.0, 0.3, 0.2, 0.1, 0.4), abs=0.01)
 
 
@@ -80,7 +80,7 @@ def test_axes_by_number():
 
 
 def test_a_device_that_is_unplugged_in_motion_stops_the_arm():
-    """The nodes of 3D mice send zeros then, the others nothing."""
+    """Nodes of 3D mice send zeros then; the others send no message."""
     for node, link in (("spacenav", DeviceLink.LIVE), ("joy_node", DeviceLink.STALE)):
         bench = Bench(node)
         bench.touch()
@@ -128,7 +128,7 @@ def test_what_means_nothing_is_reported_and_moves_nothing(message, words):
 
 
 def test_of_many_buttons_the_first_are_read():
-    """A SpaceMouse Enterprise has keys up to 175."""
+    """A SpaceMouse Enterprise has key numbers up to 175."""
     bench = Bench()
     bench.touch()
     bench.sequence = 0
@@ -166,7 +166,8 @@ def test_of_two_nodes_the_first_counts_while_it_speaks():
 
 
 def test_a_second_node_that_takes_over_shows_an_operator_of_its_own():
-    """It may have no device: zeros alone are no operator, nor is what the first one had."""
+    """The second node may have no device: neither zeros nor the first node's data prove an
+    operator."""
     bench = Bench()
     bench.touch()
     bench.device.silence()

@@ -1,4 +1,4 @@
-"""The simulated arm's driver: in process in virtual time, and over UDP against a served arm."""
+"""The simulated arm's driver: in process in virtual time, and over UDP with a served arm."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def arm(**options):
 
 
 def drive(robot, cycles, command=None):
-    """Run so many cycles with what `command` makes of each state; the states."""
+    """Run some cycles with the result of `command` for each state; return the states."""
     states = []
     for state in islice(robot.cycles(), cycles):
         states.append(state)
@@ -198,7 +198,7 @@ def test_real_time_keeps_an_absolute_schedule():
 
 
 def test_instants_that_were_missed_are_counted_and_left_out(monkeypatch):
-    """A clock that only a sleep and the application move."""
+    """Only a sleep and the application advance the clock."""
     now_s = 100.0
 
     def sleep(seconds):
@@ -220,7 +220,7 @@ def test_instants_that_were_missed_are_counted_and_left_out(monkeypatch):
     assert metrics["late_p50_s"] == pytest.approx(20e-6, rel=0.03)
     assert metrics["late_max_s"] == pytest.approx(2.42e-3)
     assert stamps[-1] == pytest.approx(100.0 + 202 * 0.001 + 20e-6)
-    assert "late_p50_s" not in arm().metrics()  # Nothing is late in virtual time.
+    assert "late_p50_s" not in arm().metrics()  # no latency in virtual time
 
 
 def test_open_and_close():
@@ -302,7 +302,7 @@ STATE = ArmState(
 
 
 def test_an_arm_that_began_anew_elsewhere_is_commanded_when_it_can_be_there():
-    """Or two of them are heard, of which the later began last."""
+    """The same holds for two arms that are received, of which the later one began last."""
     session = SimArmSession(SimArmOptions(robot=ROBOT))
     away = (1.0, *(0.0,) * 5)
 
@@ -339,7 +339,7 @@ def test_late_double_and_earlier_states_change_nothing():
     assert receive(0.0, session=4, sequence=9) is None
     assert receive(0.0, session=6).session == 2
     assert receive(0.0, sequence=3) is None
-    # A controller that was off for long may count from anywhere.
+    # A controller that was off for long may start at any number.
     assert receive(9.0, session=1).session == 3
     assert (
         receive(9.0, session=1, sequence=2, positions=(0.0,), velocities=(0.0,), torques=(0.0,))
@@ -383,7 +383,7 @@ def test_a_state_that_no_robot_measures_is_none(part, words):
 
 
 class Line:
-    """A transport in virtual time: what is said, and one state."""
+    """Transport in virtual time that records sent messages and returns one state."""
 
     def __init__(self, silence_s):
         self.said = []

@@ -1,4 +1,4 @@
-"""The core in virtual time: plausibility of reports, and texts of states."""
+"""Core of the SpaceMouse driver in virtual time: plausibility of reports, and texts of states."""
 
 import contextlib
 import dataclasses
@@ -35,7 +35,7 @@ ZERO = (0, 0, 0, 0, 0, 0)
 
 
 class Device:
-    """Reports of a core's device, at times that move with them."""
+    """Send reports to a core, and advance the time."""
 
     def __init__(self, model="spacenavigator", options=PLAIN, family=None):
         self.model = model_by_key(model) if model else None
@@ -45,7 +45,7 @@ class Device:
         self.core.on_opened(self.now_s, self.model)
 
     def motion(self, raw, times=1):
-        """Whole samples, 16 ms each."""
+        """Send whole samples, 16 ms each."""
         for _ in range(times):
             if self.split:
                 self.report(encode_translation(*raw[:3]), 0.008)
@@ -406,7 +406,7 @@ def test_the_first_report_that_names_several_buttons_presses_none():
 
 
 def test_a_key_that_only_the_array_names_is_no_press_when_it_was_down_before():
-    """The other key shows up in report 3 first; v1 has no bit there."""
+    """The other key first appears in report 3, where v1 has no bit."""
     device = Device("spacemouse-enterprise")
     device.report(encode_buttons(1 << 12, 5))
     device.report(encode_keys_down([13, 103]))
@@ -448,7 +448,7 @@ def test_another_report_does_not_bring_back_a_button_held_through_an_outage(devi
         device.core.on_opened(device.now_s, device.model)
     device.core.events()
     device.motion(ZERO, 5)
-    # Reports of another kind say nothing about it.
+    # Reports of another type do not change it.
     device.report(encode_keys_down([]))
     device.report(encode_long_press([]))
     device.report(encode_buttons(0b11, 3))
@@ -464,7 +464,7 @@ def test_long_press_is_a_button_of_its_own():
     device.report(encode_keys_down([3]))
     device.report(encode_long_press([3]))
     assert device.state.buttons == {"top", "bottom"}
-    device.report(encode_long_press([7]))  # the meaning instead of the key: the same
+    device.report(encode_long_press([7]))  # the long press's meaning in place of the key: the same
     assert device.state.buttons == {"top", "bottom"}
     device.report(encode_keys_down([]))
     assert device.state.buttons == frozenset()
@@ -694,7 +694,7 @@ def _shared_specs():
 @settings(max_examples=15)
 @given(raw=st.tuples(*[st.integers(-350, 350)] * 6))
 def test_axes_agree_with_pyspacemouse(spec, model, raw):
-    """In its ROS convention, which is our robot frame."""
+    """Compared in its ROS convention, which is our robot frame."""
     other = SpaceMouseDevice(apply_axis_convention(spec, AxisConvention.ROS))
     device = Device(model.key, SpaceMouseOptions(dead_zone=0.0)).live()
     if model.family is Family.SPLIT:

@@ -1,4 +1,4 @@
-"""The core fed by the simulated device in virtual time: every model, every fault."""
+"""The core with the simulated device in virtual time: every model, every fault."""
 
 import pytest
 
@@ -12,13 +12,13 @@ STEP_S = 0.002
 PLAIN = SpaceMouseOptions(dead_zone=0.0)
 DEFLECTION = (0.4, -0.2, 0.6, -0.1, 0.3, -0.5)
 REST = (0.0,) * 6
-# The serial-order models' raw frame is not one that the simulated device knows.
+# The simulated device does not support the raw frame of serial-order models.
 USUAL_MODELS = [model for model in MODELS if not model.serial_axes]
 MODELS_NOW = (
     *("spacenavigator", "spacepilot-pro", "spacemouse-enterprise", "spacemouse-wireless-bt"),
     *("spacemouse-module", "cadman"),
 )
-"""With every change; the others in the matrix."""
+"""Models tested with every change; the matrix has the others."""
 
 
 class Bench:
@@ -32,7 +32,7 @@ class Bench:
         self.states = []
 
     def run(self, seconds, axes=None):
-        """Hold the puck at `axes`; the state at the end."""
+        """Hold the puck at `axes`; return the last state."""
         if axes is not None:
             self.device.set_axes(axes)
         end_s = self.now_s + seconds
@@ -142,7 +142,7 @@ def test_unplug_and_replug():
 
 
 def test_bursts_never_move_late():
-    """A stalled line stops the robot; reports queued behind the stall do not move it."""
+    """A stalled line stops the robot; reports queued during the stall do not move it."""
     bench = faulty("burst")
     bench.touch()
     bench.run(4.0, DEFLECTION)

@@ -1,4 +1,4 @@
-"""The driver's shell against a stand-in of hidapi, and against a socket."""
+"""I/O of the SpaceMouse driver with a stand-in for hidapi, and with a socket."""
 
 import errno
 import os
@@ -51,14 +51,14 @@ UP = encode_motion(0, 0, -175, 0, 0, 0)
 
 @pytest.fixture(autouse=True)
 def frozen_clock(monkeypatch):
-    """The driver's clock stands: a busy machine makes nothing stale."""
+    """Stop the driver's clock, so that a busy computer makes no state stale."""
     clock = types.SimpleNamespace(monotonic=lambda: 1000.0)
     monkeypatch.setattr(shell, "time", clock)
     monkeypatch.setattr(reader_thread, "time", clock)
 
 
 class FakePuck:
-    """Plugged-in interface of a device, as hidapi shows it."""
+    """Interface of a plugged device, in hidapi's form."""
 
     def __init__(
         self, model, path=b"/dev/null", usage=(1, 8), serial="", descriptor=None, interface=0
@@ -84,7 +84,7 @@ class FakePuck:
         self.drained = 0
 
     def send(self, *reports):
-        """Send reports and wait until the driver has taken them all and reads on."""
+        """Send reports and wait until the driver has read them all."""
         with self.condition:
             self.reports.extend(reports)
             self.condition.notify_all()
@@ -100,7 +100,7 @@ class FakePuck:
 
 
 def fake_hidapi(pucks):
-    """A module with the behavior of hidapi 0.15's, and `pucks` plugged in."""
+    """Module that behaves like hidapi 0.15, with `pucks` plugged in."""
 
     class FakeHandle:
         def __init__(self):
@@ -361,7 +361,7 @@ def test_a_receiver_is_bound_where_it_speaks(usb, open_mouse):
     )
     mouse = open_mouse(dead_zone=0.0)
     assert [slot.opened for slot in slots] == [1] * 5
-    slots[3].send(encode_battery(50, False))  # tells nothing of a puck
+    slots[3].send(encode_battery(50, False))  # battery only: no evidence of a puck
     assert slots[3].opened == 1
     slots[1].send(UP, REST, UP, encode_buttons(1, 3))
     assert [slot.opened for slot in slots] == [0, 1, 0, 0, 0]
@@ -390,7 +390,7 @@ def test_two_pucks_on_one_receiver_are_distinguished_by_slot(usb, open_mouse):
     )
     left, right = open_mouse(slot="0", dead_zone=0.0), open_mouse(slot="2", dead_zone=0.0)
     assert [slot.opened for slot in slots] == [1, 0, 1, 0, 0]
-    slots[2].send(REST, UP)  # speaks first, and is the right one's all the same
+    slots[2].send(REST, UP)  # the first to send, and still assigned to the right one
     slots[0].send(REST)
     assert (left.state().axes[2], right.state().axes[2]) == (0.0, 0.5)
     for slot in slots:
@@ -413,7 +413,7 @@ def test_two_of_a_kind_are_distinguished_by_port(usb, open_mouse, monkeypatch):
     monkeypatch.setattr(transports, "usb_port_of", ports.__getitem__)
     open_mouse(port="1-3.4")
     assert (one.opened, two.opened) == (0, 1)
-    # After both were replugged the nodes have changed places, the ports have not.
+    # After replugging, the nodes have swapped, the ports have not.
     two.unplug()
     until(lambda: two.opened == 0)
     ports.update({"/dev/hidraw0": "1-3.4", "/dev/hidraw1": "1-2"})
@@ -468,7 +468,7 @@ def test_the_led_follows_feedback_and_survives_a_replug(usb, open_mouse):
     mouse = open_mouse()
     mouse.feedback(DeviceFeedback(led=False))
     until(lambda: len(puck.written) == 2)
-    assert puck.written == [encode_led(True), encode_led(False)]  # a Compact needs both
+    assert puck.written == [encode_led(True), encode_led(False)]  # a Compact needs both messages
     mouse.feedback(DeviceFeedback(led=True))
     mouse.feedback(DeviceFeedback())
     until(lambda: len(puck.written) == 3)
@@ -582,8 +582,6 @@ def test_a_flood_of_reports_does_not_keep_the_led_waiting(usb):
 
 
 class Endless:
-    """Reports without an end."""
-
     def __init__(self, report):
         self.report = report
 
@@ -598,7 +596,7 @@ def test_a_bug_in_the_reader_is_no_silent_death(usb, monkeypatch):
     mouse.open()
 
     def lost():
-        # It is lost for a moment only: a test that was not there to see it has it happen again.
+        # It is lost only for a moment, and the test repeats the fault if it missed that.
         with puck.condition:
             if not puck.reports:
                 puck.reports.append(REST)
@@ -607,7 +605,7 @@ def test_a_bug_in_the_reader_is_no_silent_death(usb, monkeypatch):
         return state if "ZeroDivisionError" in state.reason else None
 
     assert until(lost).link is DeviceLink.LOST
-    until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)  # and goes on
+    until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)  # and recovers
     mouse.close()
 
 
@@ -627,7 +625,7 @@ def test_what_is_plugged_in_for_everybody(usb, monkeypatch):
 
 @pytest.fixture
 def only_usb(usb, monkeypatch):
-    """hidapi finds nothing, and raw USB what is given, or raises it."""
+    """Let hidapi find nothing; raw USB finds the given devices, or raises the given error."""
 
     def plug(*found):
         def find(self):
@@ -693,7 +691,7 @@ def test_no_libusb_is_no_obstacle_but_a_loose_plug_is(only_usb):
 
 
 class OtherMouse(SpaceMouse):
-    """A second driver that hidapi hides the devices of."""
+    """Second driver whose devices hidapi hides."""
 
     @classmethod
     def find(cls):

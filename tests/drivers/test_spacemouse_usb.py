@@ -1,4 +1,4 @@
-"""Raw USB: pyusb itself over a stand-in of libusb that knows the plugged devices."""
+"""Raw USB: pyusb with a stand-in for libusb that lists the plugged devices."""
 
 import errno
 import sys
@@ -49,7 +49,7 @@ class Interface:
 
 
 class Puck:
-    """A device at a USB port."""
+    """Device at a USB port."""
 
     def __init__(self, model, interfaces=1, ports=(2,), serial=""):
         self.model = model_by_key(model)
@@ -162,7 +162,7 @@ class FakeLibusb(usb.backend.IBackend):
 
     def ctrl_transfer(self, dev, request_type, request, value, index, data, timeout):
         dev.check()
-        if (request_type, request, value >> 8) == (0x80, 0x06, 3):  # a string
+        if (request_type, request, value >> 8) == (0x80, 0x06, 3):  # string descriptor
             text = bytes.fromhex("0409") if not value & 0xFF else dev.serial.encode("utf-16-le")
             answer = bytes((len(text) + 2, 3)) + text
         elif (request_type, request, value) == (0x81, 0x06, 0x2200):
@@ -191,7 +191,6 @@ class FakeLibusb(usb.backend.IBackend):
 
 @pytest.fixture
 def plug(monkeypatch):
-    """Plug pucks in."""
     monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.005)
     pucks = []
     backend = FakeLibusb(pucks)
@@ -291,7 +290,7 @@ def test_a_device_that_vanishes_while_it_is_looked_at(plug, monkeypatch):
             mouse().open()
     vanish.after = 0
     plug(Puck("spacemouse-compact", ports=(3,)))
-    with mouse() as device:  # the other one is no worse for it
+    with mouse() as device:  # the other device is not affected
         assert device.state().link is DeviceLink.NEEDS_NEUTRAL
 
 
@@ -310,7 +309,7 @@ def test_a_receiver_has_slots(plug):
         until(lambda: left.state().axes[2] == 0.5)
         assert not right.state().stamp_s > 0
     with mouse(slot="1"), pytest.raises(DeviceAccessError, match=r"1-2:1\.1"):
-        mouse(slot="1").open()  # once more: refused, and not shared
+        mouse(slot="1").open()  # a second session is refused
     with pytest.raises(DeviceNotFoundError, match="slot '3'"):
         mouse(slot="3").open()
 

@@ -1,4 +1,4 @@
-"""The spacenavd driver at real sockets: Cardan's own server, an old daemon, and Debian's."""
+"""The spacenavd driver on real sockets: Cardan's own server, an old daemon, and Debian's."""
 
 import contextlib
 import math
@@ -37,7 +37,7 @@ REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def until(driver, wanted):
-    """The first state of `driver` that is `wanted`."""
+    """Return the first state of `driver` for which `wanted` is true."""
     deadline_s = time.monotonic() + TIMEOUT_S
     while not wanted(state := driver.state()):
         assert time.monotonic() < deadline_s, (state, driver.diagnosis())
@@ -59,7 +59,7 @@ def path(tmp_path):
 
 
 class Hand(SimulatedPeer):
-    """A served device, as Cardan's own server has it."""
+    """Device served by Cardan's own spacenavd server."""
 
     endpoint = "the socket"
 
@@ -84,7 +84,7 @@ class Hand(SimulatedPeer):
         self.server.close()
 
     def touch(self, driver):
-        """Deflect, release, and wait until the driver trusts the device."""
+        """Deflect, release, and wait until the driver is live."""
         start_s = time.monotonic()
         self.axes = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
         deadline_s = time.monotonic() + TIMEOUT_S
@@ -168,7 +168,7 @@ def test_the_led_is_left_as_it_was(path):
                 assert time.monotonic() < deadline_s
                 time.sleep(0.005)
         deadline_s = time.monotonic() + TIMEOUT_S
-        while hand.leds != [True, False, True, False]:  # by itself, and nobody connected
+        while hand.leds != [True, False, True, False]:  # set by the driver, without a client
             assert time.monotonic() < deadline_s
             time.sleep(0.005)
 
@@ -210,7 +210,7 @@ def test_an_old_daemon(path):
 
 
 def test_nonsense_is_not_listened_to(path):
-    """Neutral, and connected anew."""
+    """The driver becomes neutral and reconnects."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(str(path))
     listener.listen()
@@ -268,7 +268,7 @@ def test_a_daemon_that_repeats_is_refused_until_that_is_changed(path, monkeypatc
         (found,) = Spnav.find()
         assert "repeat-interval = 250" in found.obstacle
         with opened(path, wait_for_device=True) as driver:
-            # Until the daemon has answered it needs neutral, which moves nothing either.
+            # Until the daemon has answered, the driver needs neutral, so that nothing moves.
             assert "repeat-interval = 250" in until(driver, lost).reason
             settings[Code.GCFG_REPEAT] = (-1,)
             until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
@@ -335,7 +335,7 @@ def test_feedback_before_open(path):
 
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
-    """Touch and let go; then one axis after the other, and gone in the middle of a push."""
+    """Touch and release, then one axis after the other; the device vanishes during a push."""
     hand = PuckMotion()
     with spacenavd(tmp_path, "", motion=hand) as (path, old_client), answered(path) as driver:
         assert driver.metrics()["version"] == 1
@@ -363,7 +363,7 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
         hand.do("set_axes", push(0, 0.9))
         reported.until(lambda state: state.axes[0] > 0.6)
         hand.do("unplug")
-        # This daemon says nothing when a serial device is unplugged.
+        # This daemon does not report an unplugged serial device.
         state = until(driver, lambda state: state.link is DeviceLink.STALE)
         assert state.axes == REST
         edges = []
@@ -414,8 +414,8 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
         def only_repeats(state):
             return not live(state) and "repeat-interval" in state.reason
 
-        # Tests of the core, in virtual time, check how soon. A stopped daemon is reported as such,
-        # until it repeats again.
+        # Tests of the core check the time limit in virtual time. A stopped daemon is reported until
+        # it repeats again.
         state = until(driver, only_repeats)
         assert (state.link, state.axes) == (DeviceLink.STALE, REST)
         assert state.buttons == frozenset()
@@ -428,7 +428,7 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
 
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
-    """A hand that trembles by one count: some packets are like those before, and not passed on."""
+    """With tremor of one count, some packets equal the previous ones and are not forwarded."""
     hand = PuckMotion()
     daemon = spacenavd(tmp_path, "", motion=hand, jitter_lsb=1)
     with daemon as (path, _), opened(path) as usual, opened(path, stale_after_s=1.0) as patient:
@@ -450,8 +450,8 @@ def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
 
 @contextlib.contextmanager
 def answered(path):
-    """A driver to which the daemon has answered in time, all that it asks when it is opened; one to
-    which it has not counts what comes later as not asked for."""
+    """Yield a driver whose opening requests the daemon answered in time. A later answer would count
+    as unexpected."""
     for _ in range(30):
         with opened(path) as driver:
             until(driver, lambda _: driver._core.settled)
@@ -470,7 +470,7 @@ def push(axis, deflection):
 
 
 class OldClient:
-    """Data from the daemon to a client of version 0, one record each 16 ms of virtual time."""
+    """Client of version 0 that decodes the daemon's data, a record each 16 ms of virtual time."""
 
     def __init__(self, client):
         client.settimeout(TIMEOUT_S)
@@ -479,10 +479,10 @@ class OldClient:
         self.now_s = 0.0
         self.core.on_opened(self.now_s)
         self.states = []
-        """After each record."""
+        """States after each record."""
 
     def until(self, wanted):
-        """Read until the state after a record is `wanted`."""
+        """Read until `wanted` is true of the state after a record."""
         end_s = time.monotonic() + TIMEOUT_S
         while time.monotonic() < end_s:
             while len(self._left) < RECORD_BYTES:
@@ -497,16 +497,16 @@ class OldClient:
 
 
 UNTOLD = {"rezero", "plus", "minus"}
-"""Keys that spacenavd 1.1 does not tell of; those of a Magellan it tells of from 1.2 on."""
+"""Keys that spacenavd 1.1 does not report; it reports those of a Magellan from 1.2 on."""
 
 
 def keys_of(model):
-    """The keys of a serial device that spacenavd tells of."""
+    """Return the keys of a serial device that spacenavd reports."""
     return [key for key in serial_model_by_key(model).buttons.values() if key not in UNTOLD]
 
 
 def reported_presses(folder, model):
-    """The buttons that the driver has of a hand that presses all keys of a serial device."""
+    """Press all keys of a serial device; return the buttons that the driver reports."""
     folder.mkdir()
     hand, edges = PuckMotion(), []
     with spacenavd(folder, "", motion=hand, model=model) as (path, _), answered(path) as driver:
@@ -519,7 +519,7 @@ def reported_presses(folder, model):
 
 
 def reported(driver, edges):
-    """How many edges the driver has told of, those of now among them."""
+    """Collect new edges of the driver; return the number of all of them."""
     edges.extend(driver.button_events())
     return len(edges)
 
@@ -527,7 +527,7 @@ def reported(driver, edges):
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 def test_spacenavd_numbers_the_keys_of_serial_devices_as_our_server_does():
     models = ("magellan", "spaceball-2003", "spaceball-3003", "spaceball-4000")
-    # A socket's path has room for 107 bytes.
+    # A socket's path is limited to 107 bytes.
     with tempfile.TemporaryDirectory(prefix="cardan-") as name, ThreadPoolExecutor(4) as pool:
         reported = pool.map(lambda model: reported_presses(Path(name) / model, model), models)
         reported = dict(zip(models, reported, strict=True))

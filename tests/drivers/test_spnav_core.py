@@ -1,4 +1,4 @@
-"""Spacenavd driver core in virtual time: plausibility of its data, faults, handshake."""
+"""Core of the spacenavd driver in virtual time: plausibility of data, faults, handshake."""
 
 import struct
 
@@ -39,14 +39,14 @@ from cardan_spnav_server.protocol import (
 
 REST = (0, 0, 0, 0, 0, 0)
 PUSH = (0, 0, 175, 0, 0, 0)
-"""Half of the way forward."""
+"""Half deflection forward."""
 FORWARD = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 NEUTRAL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PERIOD_S = 0.016
 
 
 class Daemon:
-    """A daemon of version 0 or 1, its device, and the driver's core at the other end."""
+    """Daemon of version 0 or 1 with its device, connected to the driver's core."""
 
     def __init__(
         self, *, version=1, buttons=2, usb_id=(0x046D, 0xC626), led=2, repeat_ms=None, **options
@@ -59,7 +59,7 @@ class Daemon:
         self.device_type = 0x206 if usb_id else 0x103
         self.led = led
         self.repeat_ms = repeat_ms
-        """None: as spacenavd 1.1, which does not tell."""
+        """None: not reported, as by spacenavd 1.1."""
         self.answers = True
         self.asked = []
         self.reopen()
@@ -307,7 +307,7 @@ def test_a_device_that_shows_more_buttons_goes_on():
 
 
 def test_a_daemons_count_is_no_bound():
-    """spacenavd up to 1.3.1 tells 15 buttons of a device of which it sends 31."""
+    """spacenavd up to 1.3.1 reports 15 buttons for a device with 31."""
     daemon = Daemon(buttons=15)
     daemon.arm()
     daemon.send(encode_button(23, True))
@@ -340,7 +340,7 @@ def test_a_daemon_without_a_device_says_so():
     daemon = Daemon(buttons=None)
     assert daemon.state.link is DeviceLink.LOST
     assert "no device" in daemon.state.reason
-    daemon.motion(REST)  # it has one after all
+    daemon.motion(REST)  # a device appeared after all
     assert daemon.state.link is DeviceLink.LIVE
 
 
@@ -406,7 +406,7 @@ def test_whatever_the_daemon_sends_nothing_is_raised_and_silence_is_neutral(chun
 # -- a daemon that repeats ----------------------------------------------------------------------
 
 FULL = (0, 0, 350, 0, 0, 0)
-"""At the stop of an axis, where a device sends the same again and again."""
+"""The end stop of an axis, where a device repeats its report."""
 
 
 def test_a_daemon_that_repeats_is_refused():
@@ -463,7 +463,7 @@ def test_a_daemon_that_cannot_tell_is_not_asked_again():
 
 
 def repeat(daemon, counts, period_s, duration_s):
-    """The daemon repeats `counts` by itself."""
+    """Send `counts` periodically, like a daemon that repeats them."""
     for _ in range(round(duration_s / period_s)):
         daemon.now_s += period_s
         daemon.motion(counts)
@@ -498,7 +498,7 @@ def test_a_dead_device_behind_a_daemon_that_repeats_is_stale_in_time(version, pe
 
 
 def test_a_dead_device_whose_daemon_is_read_in_pieces_is_stale_in_time():
-    """The reader may get repeats of a daemon in a burst, after a pause."""
+    """The reader may get the repeats of a daemon in a burst, after a pause."""
     daemon = Daemon()
     daemon.arm()
     daemon.motion(PUSH)
@@ -545,7 +545,7 @@ def test_a_device_held_at_its_stop_is_not_taken_for_a_repeat(period_s):
 
 @pytest.mark.parametrize("held_up_s", [0.04, 0.095])
 def test_motions_that_were_held_up_are_not_taken_for_repeats(held_up_s):
-    """A busy machine delivers reports of a device in a burst, again and again."""
+    """A busy computer delivers the reports of a device in repeated bursts."""
     daemon = Daemon()
     daemon.arm()
     daemon.motion(FULL)
@@ -669,7 +669,7 @@ def test_a_daemon_that_answers_late_is_not_put_out_of_step():
     daemon.reopen()
     daemon.wait(HANDSHAKE_TIMEOUT_S)
     assert daemon.core.version == 0
-    assert daemon.reader.version == 1  # it is: our sensitivity is the start of a request
+    assert daemon.reader.version == 1  # valid: our sensitivity is the start of a request
     daemon.asked.clear()
     daemon.answers = True
     daemon.send(encode_handshake(1))

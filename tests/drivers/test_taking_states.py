@@ -1,4 +1,4 @@
-"""The ways to take a device's states: read(), iteration, callbacks; woken by the reader thread."""
+"""Access to a device's states: read(), iteration and callbacks, woken by the reader thread."""
 
 import socket
 import threading
@@ -26,7 +26,7 @@ class NoOptions:
 
 
 class Hand(OperatorDevice):
-    """Its state is what a test moves it to."""
+    """Device whose state the test sets."""
 
     Options = NoOptions
     capabilities = DeviceCapabilities(False, (), frozenset(), False)
@@ -59,14 +59,14 @@ class Hand(OperatorDevice):
 
 @pytest.fixture
 def hand(monkeypatch):
-    # So that only _notify() wakes anybody.
+    # Only _notify() wakes a reader.
     monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
     with Hand() as hand:
         yield hand
 
 
 def meanwhile(function):
-    """The result of `function` in a thread of its own, as a function."""
+    """Run `function` in a thread; return a function that waits for its result."""
     found = []
     thread = threading.Thread(target=lambda: found.append(function()))
     thread.start()
@@ -80,7 +80,6 @@ def meanwhile(function):
 
 
 def free_tcp_port():
-    """A TCP port nobody has now."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return probe.getsockname()[1]
 
@@ -278,14 +277,14 @@ def test_closing_ends_the_calls(hand):
     assert threading.active_count() == before
 
 
-# -- the devices there are ---------------------------------------------------------------------
+# -- all devices -------------------------------------------------------------------------------
 
 DEVICES = [name for name, kind in ours(registry).items() if issubclass(kind, OperatorDevice)]
 
 
 def check_it_wakes_its_reader(device):
-    """A reader or a callback of a device gets each new state at once: not only after
-    RECHECK_S, which is to be PATIENCE_S here."""
+    """Check that a reader and a callback get each new state at once, not only after RECHECK_S,
+    which has to be PATIENCE_S here."""
     assert base.RECHECK_S == PATIENCE_S
     states = [device.read(PATIENCE_S / 2) for _ in range(10)]
     called = threading.Semaphore(0)
@@ -299,13 +298,14 @@ def check_it_wakes_its_reader(device):
 
 @contextmanager
 def simulated(name, folder):
-    """The options that lead to a simulated device: as its demo has it, where that will do."""
+    """Yield options that lead to a simulated device, with its demo's settings if these work
+    here."""
     if name == "omni":
         if not available():
             pytest.skip("the simulated libHD was not compiled")
         SimulatedOmni(OmniSettings()).hand((0.0, 0.0, 0.0))
         yield {"library": str(library_path())}
-    elif name == "jr3_can":  # Multicast, as in its demo, is not to be had everywhere.
+    elif name == "jr3_can":  # The multicast of its demo is not available everywhere.
         port = free_tcp_port()
         with served("sim", "jr3", "--serve-socketcand", "--port", str(port), "--script", "wiggle"):
             yield {"interface": "socketcand", "host": "127.0.0.1", "port": port}
@@ -337,7 +337,7 @@ def test_a_callback_that_cannot_be_called_is_refused_at_once(hand, callback):
 
 
 class OldHand(Hand):
-    """A driver with an __init__ of its own, which does not call that of its base."""
+    """Driver with its own __init__, which does not call that of its base."""
 
     def __init__(self, options=None):
         self.options = options

@@ -1,4 +1,4 @@
-"""The lever that people copy: its lines, its core in virtual time, and its driver at a port."""
+"""Template package cardan-lever: its lines, its core in virtual time, and its driver on a port."""
 
 import importlib
 import time
@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).parents[2] / "examples" / "packages" / "cardan-lever"
 
 @pytest.fixture
 def module(monkeypatch):
-    """Imports a module of the package."""
+    """Return a function that imports a module of the package."""
     monkeypatch.syspath_prepend(PACKAGE)
     return lambda name: importlib.import_module(f"cardan_lever.{name}")
 

@@ -1,4 +1,4 @@
-"""The udev rules cover the devices that the drivers open, and give access to no others."""
+"""The udev rules grant access to the devices that the drivers open, and to no others."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def test_3dconnexion_by_hidraw_and_by_raw_usb(subsystem, vendor):
 
 @pytest.mark.parametrize("product", ["0306", "0330"])
 def test_both_generations_of_wii_remotes(product):
-    for bus in ("0005", "0003"):  # Bluetooth; USB, behind a DolphinBar
+    for bus in ("0005", "0003"):  # Bluetooth; USB through a DolphinBar
         assert any(f'KERNELS=="{bus}:057E:{product}.*"' in rule for rule in RULES)
 
 

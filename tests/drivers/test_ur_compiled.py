@@ -1,4 +1,4 @@
-"""UR's cycle compiled: byte for byte and number for number that of the session in Python."""
+"""Compiled UR cycle: equal to the Python session's, byte for byte and number for number."""
 
 import math
 import random
@@ -20,7 +20,7 @@ from tests.drivers.ur_bench import SessionBench
 
 STATE_BYTES, COMMAND_BYTES = 244, 112
 DOUBLES = (*range(4, 204, 8), 216, 224)
-"""Where the doubles of a state begin."""
+"""Offsets of the doubles in a state."""
 INTEGERS = (204, 208, 212, 232, 236, 240)
 WRONG = (math.nan, math.inf, -math.inf, 1e300, 2001.0, -101.0, 11.0, -0.0, 0.5, 1.5)
 
@@ -30,7 +30,7 @@ def missing(*_):
 
 
 class Twins:
-    """Two sessions of which everything is asked, and which have to say the same."""
+    """Two sessions that get the same calls and must return the same."""
 
     def __init__(self, quick, plain, changed):
         self.both, self._changed = (quick, plain), changed
@@ -48,7 +48,8 @@ class Twins:
                     said.append(each(*given))
                 except CommandError as error:
                     said.append(str(error))
-            # As text, which tells -0.0 from 0.0 and has every bit of a float; NaN is like NaN.
+            # Compared as text, which distinguishes -0.0 from 0.0 and has every bit of a float; NaN
+            # equals NaN.
             assert str(said[0]) == str(said[1]), (name, given)
             return said[0]
 
@@ -90,7 +91,7 @@ def random_command(choice, state):
 
 
 def changed_by(choice):
-    """States as a network, another controller or a fault change them now and then."""
+    """Return states with occasional changes by a network, another controller or a fault."""
     retained = []
 
     def changed(data):
@@ -136,7 +137,7 @@ def test_a_session_is_that_in_python_to_the_last_bit(monkeypatch, seed):
     quick, library = bench.session, compiled.ur_library()
     plain = UrSession(bench.options, iter(range(1000, 2000)).__next__)
     bench.session = Twins(quick, plain, changed_by(choice))
-    # Which of the two is asked decides whether there is a compiled part.
+    # The called session determines whether the compiled library is available.
     turn = []
     monkeypatch.setattr(compiled, "ur_library", lambda: library if not turn else missing())
 
@@ -235,7 +236,8 @@ def test_a_usual_cycle_never_needs_the_session_in_python(monkeypatch):
     assert feed.packages - packages > 90
     assert bench.session.commands - commands > 90
     assert fell_back["command"] == 0
-    # In virtual time all states are as quick, but for rounding; the quickest so far is Python's.
+    # In virtual time all states are equally fast, except for rounding; Python handles the fastest
+    # so far.
     assert fell_back["_take_values"] < 10
 
 

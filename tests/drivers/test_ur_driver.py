@@ -1,4 +1,4 @@
-"""The UR driver on real sockets, with the simulated controller on them."""
+"""The UR driver on real sockets, with the simulated controller."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def any_ports(**options):
 
 
 def driver_of(peer, **options):
-    # A process may stand still for seconds where tests run: the watchdog is as long as it can be.
+    # A process may stand still for seconds where tests run: the watchdog has its longest value.
     ports = {f"{kind}_port": peer.port(kind) for kind in ("rtde", "primary", "dashboard")}
     return UrRtde(rate_hz=125.0, watchdog_s=0.5, robot=peer.options.robot, **{**ports, **options})
 
@@ -47,7 +47,7 @@ def test_it_starts_moves_and_leaves(robot):
                 if not state.ready and not began:
                     continue
                 if not state.ready:
-                    # This computer stood still for too long.
+                    # This computer was paused for too long.
                     driver.enable()
                     continue
                 if not began:
@@ -64,7 +64,7 @@ def test_it_starts_moves_and_leaves(robot):
 
 
 class LyingProxy:
-    """Passes RTDE on, in a process of its own; the time in states goes wrong once `lies` is set."""
+    """RTDE proxy in its own process; the time in states is wrong once `lies` is set."""
 
     def __init__(self, port, clock):
         context = multiprocessing.get_context("spawn")

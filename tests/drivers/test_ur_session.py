@@ -1,4 +1,4 @@
-"""The UR driver's session with a simulated controller, wire and all, in virtual time."""
+"""The UR driver's session with a simulated controller, including the wire, in virtual time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SERVO = 0.03
 
 
 def turning(**controller):
-    """A robot that turns joint 1 at SPEED, and has for half a second."""
+    """Return a robot that has turned joint 1 at SPEED for half a second."""
     driver = {"acceleration_rad_s2": (ACCELERATION,) * 6, **controller.pop("driver", {})}
     bench = SessionBench(driver, lambda state: TURN, **controller)
     bench.ready()
@@ -42,7 +42,7 @@ def turning(**controller):
 
 
 def speeds(bench, since_s=0.0):
-    """Of joint 1's command in the controller, rad/s, frame by frame."""
+    """Return the commanded speeds of joint 1 in the controller, rad/s, frame by frame."""
     rows = [(t, q[0]) for t, q, _ in bench.trace if t >= since_s]
     times, joint = np.array(rows).T
     return np.diff(joint) / np.diff(times)
@@ -435,7 +435,7 @@ def test_a_lost_connection_ends_motion_and_its_program():
     bench = turning()
     at, value = place(bench), bench.servers.telemetry.value
     bench.unplug("rtde")
-    # Its clock begins anew, as it may between connections.
+    # Its clock restarts, as may happen between connections.
     bench.servers.telemetry.value = lambda name: (
         value(name) - 50.0 if name == "timestamp" else value(name)
     )
@@ -496,7 +496,7 @@ def test_a_state_of_before_is_not_answered_after_a_new_start():
 def test_a_jump_in_the_registers_ends_the_program():
     bench = turning()
     registers = bench.controller.registers
-    bench.stall(0.001)  # what is underway arrives
+    bench.stall(0.001)  # data in transit arrives
     bench.alive = False
     token, beat = registers.input_int[24:26]
     registers.input_int[24:27] = [token, beat + 1, ProgramCommand.FOLLOW]
@@ -646,7 +646,7 @@ def test_a_silent_controller_is_lost():
     assert "no state from 127.0.0.1:30004 for 0.1 s" in bench.states[-1].hold_reason
     late = [state.stamp_s for state in bench.states[-10:]]
     assert np.diff(late).max() < 0.1
-    assert bench.session.next_s > bench.now_s  # There is nothing to do at once, again and again.
+    assert bench.session.next_s > bench.now_s  # the session does not busy-wait
 
 
 @pytest.mark.parametrize("number", [float("nan"), 1e11])
@@ -787,7 +787,7 @@ def test_a_server_that_closes_without_a_word_is_said_to_be_another():
         assert "does not seem to speak RTDE" not in session.hold_reason
         session.connected("rtde", float(count))
         session.disconnected("rtde", "the controller closed it", float(count))
-        assert session.outgoing() == []  # Nothing is left for the next connection.
+        assert session.outgoing() == []  # no data is left for the next connection
     assert "3 times without an answer: it does not seem to speak RTDE" in session.hold_reason
 
 

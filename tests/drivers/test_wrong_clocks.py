@@ -1,4 +1,5 @@
-"""No clock of a controller makes an arm faster: every driver with every fault, in virtual time."""
+"""Wrong clocks of controllers make no arm faster: every driver with every fault, in virtual
+time."""
 
 import functools
 import math
@@ -21,7 +22,8 @@ from tests.fault_table import FAULTS, measured
 FASTEST = 1.05
 """Highest share of the commanded speed."""
 SAID_S = 0.6
-"""Until the arm rests; a clock that is too slow is sure after 1 to 1.5 s, and brakes then."""
+"""Longest time until the arm rests. A slow clock is certain only after 1 to 1.5 s, and the driver
+brakes then."""
 
 NO_FAULT = "1.02 times as fast"
 SLOW = "0.5 times as fast"
@@ -29,13 +31,13 @@ SLOW = "0.5 times as fast"
 
 JUMP = "jumps ahead by 0.14 s"
 SLOW_NOW = (EgmBench, JointStreamBench, Ros2Bench, UrBench)
-"""A bench of each driver that looks at such a clock."""
+"""Benches whose drivers check for a slow clock."""
 JUMP_NOW = (*SLOW_NOW, MotorosStreamBench)
-"""A bench of each driver."""
+"""Benches whose drivers check for a jump."""
 
 
 def clocks_now(kind):
-    """Clocks of make test, of this bench."""
+    """Return the clocks that `make test` tries with a bench."""
     clocks = ((JUMP, JUMP_NOW), (SLOW, SLOW_NOW))
     return tuple(clock for clock, kinds in clocks if kind in kinds)
 
@@ -54,7 +56,7 @@ CASES = [
 
 @functools.cache
 def moved(kind, clocks):
-    """Return the motion of an arm after each of these faults of its controller's clock."""
+    """Measure the motion of an arm after each of these faults of its controller's clock."""
     motions = measured("twist", [FAULTS[f"clock {name}"] for name in clocks], kind)
     return dict(zip(clocks, motions, strict=True))
 

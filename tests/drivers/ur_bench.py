@@ -10,7 +10,7 @@ from tests.drivers.tcp_bench import TcpBench
 
 
 class SessionBench(TcpBench):
-    """Session and controller; `answer` makes the command for each state that asks for one."""
+    """Session and controller; `answer` returns the command for each state that requests one."""
 
     def __init__(self, driver=None, answer=None, start_s=100.0, **controller):
         super().__init__()
@@ -26,14 +26,14 @@ class SessionBench(TcpBench):
         self.answer = answer or (lambda state: HoldCommand())
         self.states = []
         self.trace = []
-        """(time, joints commanded, joints measured), once a frame of the controller."""
+        """(time, commanded joints, measured joints) in each frame of the controller."""
         self.alive = True
-        """False: the driver's process stands still, or is dead."""
+        """False while the driver's process is stopped or dead."""
         self._frames = 0
         self.servers.advance(start_s)
 
     def run(self, seconds, until=None):
-        """Let time pass; ends early when `until()` is true."""
+        """Let time pass; return early when `until()` is true."""
         end_s = self.now_s + seconds
         while self.now_s < end_s:
             arrivals = (item[0] for item in self._flight if self.alive or item[1])
@@ -68,12 +68,12 @@ class SessionBench(TcpBench):
             command = self.answer(state)
             if command is not None:
                 if session.reply_pending and session.late(self.now_s):
-                    self._deliver()  # as the driver's send does
+                    self._deliver()  # also done by the driver's send
                 session.command(command, self.now_s)
             self._carry_from_session()
 
     def _deliver(self):
-        """Deliver data that has arrived; data for a process that stands still waits."""
+        """Deliver data that has arrived; a stopped process leaves it queued."""
         now_s = self.now_s
         flight, self._flight, due = self._flight, [], []
         for item in flight:
@@ -86,7 +86,7 @@ class SessionBench(TcpBench):
                 self.session.received(key, data, now_s)
 
     def stall(self, seconds):
-        """The driver's process stands still; robot and network do not."""
+        """Stop the driver's process; robot and network continue."""
         self.alive = False
         self.run(seconds)
         self.alive = True

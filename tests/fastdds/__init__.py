@@ -1,4 +1,4 @@
-"""A node of ROS 2's default middleware (eProsima Fast DDS, from Debian), which judges messages sent
+"""Node of ROS 2's default middleware (eProsima Fast DDS, from Debian), which judges messages sent
 to it over DDS. It is a program in C++, built when it is first needed.
 """
 
@@ -23,7 +23,7 @@ HEADERS = Path("/usr/include/fastdds/dds/domain/DomainParticipant.hpp")
 
 
 def program() -> Path:
-    """The program; built once per user and source."""
+    """Return the program, built once per user and source."""
     if not HEADERS.exists():
         pytest.skip("Fast DDS is not installed (Debian package libfastrtps-dev)")
     if not shutil.which("g++"):
@@ -41,32 +41,32 @@ def program() -> Path:
 
 
 class FastNode(JudgeNode):
-    """A node over Fast DDS in a process of its own. Use in a with statement."""
+    """Node over Fast DDS in its own process, for a with statement."""
 
     def __init__(
         self, domain: int, discovery: str = "whitelist", gid_length: int = 16, name: str = "fast"
     ) -> None:
-        """`discovery`: "whitelist" as by ROS_LOCALHOST_ONLY of Humble, "unicast" as by
-        ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST; `gid_length`: 24 of Humble."""
+        """`discovery`: "whitelist" like ROS_LOCALHOST_ONLY of Humble, "unicast" like
+        ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST; `gid_length`: 24 in Humble."""
         super().__init__([program(), str(domain), discovery, str(gid_length), name])
         self.name = name
 
     # -- actions ---------------------------------------------------------------------------------
 
     def do(self, *words: object) -> None:
-        """Have it carry out a command of node.cpp."""
+        """Send a command of node.cpp to the node."""
         self.say(" ".join(map(str, words)))
 
     def subscribe(
         self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False
     ) -> None:
-        """Subscribe as rclcpp does by default."""
+        """Subscribe with rclcpp's defaults."""
         self._endpoint("subscribe", topic, type_name, reliable, latched)
 
     def advertise(
         self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False
     ) -> None:
-        """Make a publisher as rclcpp does by default."""
+        """Create a publisher with rclcpp's defaults."""
         self._endpoint("advertise", topic, type_name, reliable, latched)
 
     def _endpoint(
@@ -89,17 +89,17 @@ class FastNode(JudgeNode):
         self.do("publish", topic, _encoded(type_name, message).hex(), count, period_ms)
 
     def request(self, service: str, type_name: str, message: dict[str, Any]) -> None:
-        """Send a request, in the mapping of the default middleware."""
+        """Send a request in the service mapping of the default middleware."""
         self.do("request", service, _encoded(f"{type_name}_Request", message).hex())
 
     def serve(self, service: str, type_name: str, reply: dict[str, Any]) -> None:
-        """Offer a service that always answers the same."""
+        """Offer a service that always returns the same response."""
         self.do("server", service, type_name, _encoded(f"{type_name}_Response", reply).hex())
 
     # -- observations ----------------------------------------------------------------------------
 
     def heard(self, topic: str, type_name: str, count: int = 1) -> dict[str, Any]:
-        """The newest message of a topic, when there are `count` of them."""
+        """Return the newest message of a topic after at least `count` messages."""
         sample = self.wait("sample", count, topic=topic)
         message = codec_of(type_name).decode(bytes.fromhex(sample["cdr"]))
         assert not isinstance(message, MalformedCdr), message.reason
@@ -107,7 +107,7 @@ class FastNode(JudgeNode):
 
 
 def user_data(event: dict[str, Any]) -> dict[str, str]:
-    """The pairs in the user_data of the entities seen."""
+    """Return the pairs in the user_data of discovered entities."""
     pairs = (each.split("=", 1) for each in event["user_data"].split(";") if each)
     return dict(pairs)
 

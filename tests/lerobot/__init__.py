@@ -1,2 +1,2 @@
-"""The distributions of plugins/: against LeRobot where it is installed, else against what LeRobot
-publishes."""
+"""Distributions of plugins/ tested with LeRobot if it is installed, else with its published
+interface."""

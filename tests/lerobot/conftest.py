@@ -1,4 +1,4 @@
-"""The distributions as if they were installed, with LeRobot or with a stand-in for it."""
+"""Fixtures that load the distributions as if installed, with LeRobot or a stand-in for it."""
 
 import importlib
 import sys
@@ -13,11 +13,11 @@ PLUGINS = Path(__file__).parents[2] / "plugins"
 FOLDERS = sorted(file.parent for file in PLUGINS.glob("lerobot_*/pyproject.toml"))
 
 collect_ignore = [] if interface.is_installed() else ["test_interface.py"]
-"""Tests that only LeRobot itself can judge: `make test-lerobot`."""
+"""Tests that need LeRobot itself: `make test-lerobot`."""
 
 
 def forget():
-    """Their modules are imported anew the next time, with another stand-in."""
+    """Drop the loaded distributions, so that the next import uses another stand-in."""
     for name in [*sys.modules]:
         if name.partition(".")[0] in {folder.name for folder in FOLDERS}:
             del sys.modules[name]
@@ -25,7 +25,7 @@ def forget():
 
 @pytest.fixture
 def lerobot(monkeypatch, tmp_path):
-    """Modules of LeRobot that the distributions import: its own, or stand-ins."""
+    """Provide the modules of LeRobot that the distributions import: its own, or stand-ins."""
     if not interface.is_installed():
         for name, module in interface.stand_ins().items():
             monkeypatch.setitem(sys.modules, name, module)
@@ -41,7 +41,7 @@ def lerobot(monkeypatch, tmp_path):
 
 @pytest.fixture
 def plugins(lerobot, monkeypatch):
-    """The distributions' modules, and LeRobot's."""
+    """Return the distributions' modules, and LeRobot's."""
     for folder in FOLDERS:
         monkeypatch.syspath_prepend(folder)
     yield SimpleNamespace(

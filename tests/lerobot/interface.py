@@ -1,7 +1,7 @@
 """Public interface of LeRobot's teleoperators and robots, as data, and stand-ins made of it.
 
-Read from lerobot 0.4.4 and 0.6.1; test_interface.py holds it against the LeRobot that is installed,
-where one is (`make test-lerobot`).
+Read from lerobot 0.4.4 and 0.6.1. test_interface.py compares it with an installed LeRobot (`make
+test-lerobot`).
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ EVENTS = {
     "IS_INTERVENTION": "is_intervention",
     "TERMINATE_EPISODE": "terminate_episode",
 }
-"""Of lerobot.teleoperators.utils.TeleopEvents."""
+"""Members of lerobot.teleoperators.utils.TeleopEvents."""
 
 REPORTED_EVENTS = ("IS_INTERVENTION", "TERMINATE_EPISODE", "SUCCESS", "RERECORD_EPISODE")
-"""That get_teleop_events() tells."""
+"""Events that get_teleop_events() reports."""
 
 ERRORS = ("DeviceNotConnectedError", "DeviceAlreadyConnectedError")
-"""Of lerobot.utils.errors; both are ConnectionErrors."""
+"""Errors of lerobot.utils.errors; both are ConnectionErrors."""
 
 PREFIXES = ("lerobot_robot_", "lerobot_teleoperator_")
-"""Of the names of distributions that are imported by that very name."""
+"""Prefixes of distributions that LeRobot imports by name."""
 
 
 class _Registry:
-    """As draccus's ChoiceRegistry, as far as it matters here."""
+    """Stand-in for draccus's ChoiceRegistry, with the functions that the distributions use."""
 
     def __init_subclass__(cls, **keywords):
         super().__init_subclass__(**keywords)
@@ -111,7 +111,7 @@ def _device(name, members):
 
 
 def stand_ins():
-    """Modules with all of it, by name."""
+    """Return stand-ins of all modules, by name."""
     modules = {name: types.ModuleType(name) for name in ("lerobot", "lerobot.utils")}
     for name, classes in CLASSES.items():
         module = modules[name] = types.ModuleType(name)
@@ -132,8 +132,10 @@ def stand_ins():
 
 
 def is_installed():
-    """Whether LeRobot is here, with all that the distributions import of it. Elsewhere than in
-    its own environment it would cost every test run seconds."""
+    """Return whether LeRobot is installed, with all modules that the distributions import.
+
+    The import takes seconds, so that LeRobot belongs in a separate environment.
+    """
     if "lerobot" in sys.modules:
         return not isinstance(getattr(sys.modules["lerobot"], "__file__", None), type(None))
     try:

@@ -1,5 +1,5 @@
-"""The example of cardan-learning's README.md, by LeRobot where it is there, else by records; and
-what is said where LeRobot cannot be installed."""
+"""Example of cardan-learning's README.md, run by LeRobot if installed, else by records; and the
+message if LeRobot cannot be installed."""
 
 import json
 import re

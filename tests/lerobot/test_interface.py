@@ -1,6 +1,6 @@
-"""The tests' data about LeRobot's interface against the LeRobot that is installed.
+"""The tests' data about LeRobot's interface compared with an installed LeRobot.
 
-Only `make test-lerobot` runs these, in an environment that has one.
+Only `make test-lerobot` runs these tests.
 """
 
 import abc
@@ -43,7 +43,7 @@ def test_errors():
 
 
 def test_it_finds_the_installed_distributions_and_makes_devices_of_them(tmp_path):
-    """By LeRobot's own discovery: nothing of ours is imported before."""
+    """LeRobot's own discovery finds them: no module of ours is imported before."""
     utils = importlib.import_module("lerobot.utils.import_utils")
     names = {each.metadata["Name"] for each in importlib.metadata.distributions()}
     assert names >= {folder.name for folder in FOLDERS}
@@ -60,7 +60,7 @@ def test_it_finds_the_installed_distributions_and_makes_devices_of_them(tmp_path
 
 
 def test_options_come_through_its_command_line():
-    """As `lerobot-teleoperate --teleop.type=cardan ...` parses it."""
+    """Parsed like `lerobot-teleoperate --teleop.type=cardan ...`."""
     draccus = importlib.import_module("draccus")
     for name in ("lerobot_teleoperator_cardan", "lerobot_robot_cardan"):
         importlib.import_module(name)

@@ -1,4 +1,5 @@
-"""The teleoperator and the robot as LeRobot has them: found, made, asked, in any order of calls."""
+"""Teleoperator and robot through LeRobot's interface: found, constructed and called in any
+order."""
 
 import inspect
 import sys
@@ -45,7 +46,7 @@ toggle = "right"
 
 
 class Held(OperatorDevice):
-    """A device that is held as the test says."""
+    """Operator device whose state the test sets."""
 
     capabilities = DeviceCapabilities(True, ("left",), frozenset({"led", "rumble"}), False)
 
@@ -121,7 +122,7 @@ def robot(plugins, session):
 
 
 class OpenedArm(Ticked):
-    """An arm whose loop runs with each request."""
+    """Arm whose loop runs once per request."""
 
     opened, ended = 0, ""
 
@@ -167,7 +168,7 @@ def test_cardan_itself_needs_no_lerobot():
     ],
 )
 def test_they_are_registered_and_found_by_lerobots_rule(plugins, part, config, kind, base):
-    """The class is named as its configuration without Config, in the package of its module."""
+    """The class has its configuration's name without Config, in the package of its module."""
     registry = getattr(getattr(plugins.lerobot, base), f"{kind}Config")
     found = registry.get_choice_class("cardan")
     module = getattr(plugins, part)
@@ -362,7 +363,7 @@ def test_a_robot_that_falls_silent_for_a_moment_is_waited_for(robot, monkeypatch
 
 
 class Camera:
-    """One of LeRobot's, that a test looks through."""
+    """Stand-in for a LeRobot camera."""
 
     is_connected = False
 

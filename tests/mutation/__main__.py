@@ -1,10 +1,9 @@
-"""Whether the tests notice changes of the package: ``python -m tests.mutation`` (tools/mutants).
+"""Mutation test of the package: ``python -m tests.mutation`` (tools/mutants).
 
-Tests are read once. A run with counters says which of them run which statement. Then, for each
-mutant, a forked process has the code of its function replaced and runs the tests that run the
-statement, until one fails. A mutant outside functions acts when its module is imported, and has
-the tests that import it read anew, those that name the module first. Nothing in the working tree
-is touched.
+Tests are collected once, and a run with counters records which of them execute which statement. For
+each mutant a forked process replaces the code of its function, and runs the tests of the statement
+until one fails. A mutant outside functions acts when its module is imported: its process reloads
+the tests that import the module, first those that do so directly. The working tree is not changed.
 """
 
 from __future__ import annotations
@@ -44,17 +43,17 @@ PREPARED = (
     *("numpy", "pinocchio", "coal", "daqp", "scipy", "typer", "rich", "websockets", "serial"),
     *("google.protobuf", "zenoh", "cbor2", "asyncio", "unittest.mock"),
 )
-"""Modules that many tests import: loaded once, before processes are forked. None of the package."""
+"""Modules that many tests import, none of the package: loaded once, before the forks."""
 
 KILLED, SURVIVED, ENDLESS, UNSUITED = "killed", "survived", "endless", "unsuited"
-"""ENDLESS: longer than the time limit, which counts as killed. UNSUITED: not to be exchanged in a
-function that is there; it is tried with its module imported anew."""
+"""ENDLESS: time limit exceeded, which counts as killed. UNSUITED: not replaceable in a loaded
+function; tried with a reload of its module."""
 
 SLACK_S, SLACK = 15.0, 8.0
-"""A mutant may take so many times as long as its tests without it, and so much more."""
+"""Time limit of a mutant: SLACK times its tests' usual time, plus SLACK_S."""
 
 MEMORY_BYTES = 4 << 30
-"""More than this is refused to the tests of a mutant."""
+"""Memory limit for the tests of a mutant."""
 
 OPTIONS = (
     *("-q", "-o", "addopts=", "--strict-markers", "--tb", "native"),
@@ -66,11 +65,11 @@ Tried = TypeVar("Tried", str, int)
 
 
 class Profile:
-    """Plug-in: tests that compute, and those of MATRIX; the same examples for each mutant, and no
-    search for the smallest that fails."""
+    """Plug-in for selection: computing tests and those of MATRIX, with the same examples for each
+    mutant and without shrinking."""
 
     def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
-        from conftest import ALL_MATRIX  # Loaded by pytest.
+        from conftest import ALL_MATRIX  # loaded by pytest
 
         if collection_path.is_dir() or str(collection_path.relative_to(ROOT)) in MATRIX:
             return None
@@ -86,7 +85,7 @@ class Profile:
 
     @pytest.hookimpl(trylast=True)
     def pytest_configure(self) -> None:
-        import hypothesis  # By pytest, which is to rewrite it.
+        import hypothesis  # Imported late, because pytest rewrites it.
 
         phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
         hypothesis.settings.register_profile(
@@ -105,9 +104,9 @@ Functions = dict[tuple[str, tuple[str, int, str]], list[types.FunctionType]]
 
 
 def functions_that_are_there() -> Functions:
-    """All, by file and by name, first line and scope."""
+    """Return all loaded functions by file, name, first line and scope."""
     found: Functions = defaultdict(list)
-    gc.unfreeze()  # Objects made while collecting: conftest.py.
+    gc.unfreeze()  # conftest.py freezes objects that collection made.
     for each in gc.get_objects():
         if type(each) is types.FunctionType:
             found[each.__code__.co_filename, _key(each.__code__)].append(each)
@@ -120,7 +119,7 @@ def _key(code: types.CodeType) -> tuple[str, int, str]:
 
 
 def codes_of(code: types.CodeType) -> Iterator[types.CodeType]:
-    """Those within it."""
+    """Yield the nested code objects."""
     for each in code.co_consts:
         if isinstance(each, types.CodeType):
             yield each
@@ -128,21 +127,21 @@ def codes_of(code: types.CodeType) -> Iterator[types.CodeType]:
 
 
 def exchange(functions: Functions, path: str, tree: ast.Module) -> bool:
-    """Give the functions of the file the code of `tree`; whether that could be done."""
+    """Give the file's loaded functions the code of `tree`; return whether that was possible."""
     file, done = str(ROOT / path), False
     for code in codes_of(compile(tree, file, "exec", dont_inherit=True)):
         for function in functions.get((file, _key(code)), ()):
             if function.__code__ != code:
                 try:
                     function.__code__ = code
-                except ValueError:  # It has other free variables.
+                except ValueError:  # different free variables
                     return False
                 done = True
     return done
 
 
 class Anew(importlib.machinery.SourceFileLoader):
-    """Imports one module from a syntax tree; also the finder for it."""
+    """Finder and loader of one module, from a syntax tree."""
 
     def __init__(self, path: str, tree: ast.Module) -> None:
         super().__init__(module_of(path), str(ROOT / path))
@@ -156,7 +155,7 @@ class Anew(importlib.machinery.SourceFileLoader):
 
 
 class Processes:
-    """Forked processes, a few at a time, each with an end of its own."""
+    """Pool of forked processes, each with its own callback."""
 
     def __init__(self, number: int, scratch: Path) -> None:
         self._number, self._scratch = number, scratch
@@ -167,7 +166,7 @@ class Processes:
     def start(
         self, work: Callable[[], int], limit_s: float, done: Callable[[str, str], None]
     ) -> None:
-        """Have `work` done in a process; `done` is told its outcome, and what it wrote."""
+        """Run `work` in a process; `done` gets its result, and the text that it wrote."""
         while len(self._running) >= self._number:
             self._wait()
         self._made += 1
@@ -201,7 +200,7 @@ class Processes:
                 late = time.monotonic() > end_s
                 if not ended and not late:
                     continue
-                with contextlib.suppress(ProcessLookupError):  # With all that it started.
+                with contextlib.suppress(ProcessLookupError):  # with all its children
                     os.killpg(pid, signal.SIGKILL)
                 if not ended:
                     os.waitpid(pid, 0)
@@ -219,7 +218,7 @@ class Processes:
         return self
 
     def __exit__(self, kind: object, error: object, where: object) -> None:
-        """Wait for all, or end them where something went wrong."""
+        """Wait for all, or kill them after an error."""
         for pid in self._running if kind else ():
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(pid, signal.SIGKILL)
@@ -227,13 +226,13 @@ class Processes:
             self.join()
 
     def join(self) -> None:
-        """Wait for all."""
+        """Wait for all processes."""
         while self._running:
             self._wait()
 
 
 def tell(text: str) -> None:
-    """Leave `text` for the process that forked this one."""
+    """Leave `text` for the parent process."""
     Path(os.environ["TMPDIR"], "told").write_text(text, encoding="utf-8")
 
 
@@ -281,12 +280,12 @@ class Runs:
             yield number
 
     def _count(self, session: pytest.Session, part: int) -> int:
-        """Which statements each test runs; those that fail are left out."""
+        """Record the statements that each test runs; leave failing tests out."""
         hits: set[tuple[str, int]] = set()
         builtins._mutant_hit = lambda path, index: hits.add((path, index))  # type: ignore[attr-defined]
         for path in {mutant.path for mutant in self.mutants}:
             exchange(self.functions, path, instrumented(path))
-        # Neighbors share what is made once for a module.
+        # Consecutive tests of a module share its fixtures.
         files = sorted({str(item.path) for item in self.items})
         mine = set(files[part :: self.number])
         reported = []
@@ -316,14 +315,14 @@ class Runs:
                 self.hit[path, index].add(number)
 
     def seconds(self) -> dict[str, float]:
-        """How long the tests of each file take."""
+        """Return the duration of each file's tests."""
         sums: dict[str, float] = defaultdict(float)
         for number, took_s in self.took_s.items():
             sums[str(self.items[number].path)] += took_s
         return dict(sums)
 
     def _chosen(self, mutant: Mutant) -> list[int]:
-        """The tests that run its statement: file by file, the quickest file first."""
+        """Return the tests that run its statement: file by file, the fastest file first."""
         numbers = self.hit.get((mutant.path, mutant.statement), ())
         sums: dict[str, float] = defaultdict(float)
         for number in numbers:
@@ -347,7 +346,7 @@ class Runs:
 
 
 def within(each: Sequence[Tried], took_s: Mapping[Tried, float], most_s: float) -> list[Tried]:
-    """The first of them, until they take longer than `most_s`; at least one."""
+    """Return the first tests, up to a total of `most_s`, but at least one."""
     found: list[Tried] = []
     for one in each:
         most_s -= took_s[one]
@@ -358,18 +357,18 @@ def within(each: Sequence[Tried], took_s: Mapping[Tried, float], most_s: float) 
 
 
 def may_not_survive(mutant: Mutant) -> bool:
-    """Whether it is of an area without survivors: it has all of its tests, however long."""
+    """Return whether its area allows no survivors, in which case all of its tests run."""
     return any(mutant.path.startswith(AREAS[area]) for area in NO_SURVIVORS)
 
 
 def module_of(path: str) -> str:
-    """Return the name by which the file at `path` is imported."""
+    """Return the import name of the file at `path`."""
     return path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
 @functools.cache
 def imported(path: str) -> frozenset[str]:
-    """Modules that the file at `path` imports by name, or takes something from."""
+    """Yield the modules that the file at `path` imports."""
     found: set[str] = set()
     for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -381,8 +380,11 @@ def imported(path: str) -> frozenset[str]:
 
 
 def nearest(path: str, seconds: Mapping[str, float]) -> list[str]:
-    """The files of tests that `seconds` has, which import the module at `path`: by themselves
-    first, then through one other module and so on; of those as near, the quickest first."""
+    """Return the test files in `seconds` that import the module at `path`.
+
+    Direct imports come first, then those through one other module and so on; equal distances are
+    ordered by duration.
+    """
     package = [str(each.relative_to(ROOT)) for each in (ROOT / "cardan").rglob("*.py")]
     found: list[str] = []
     names, left, modules = {module_of(path)}, set(seconds), set(package)
@@ -403,8 +405,10 @@ def try_anew(
     processes: Processes,
     most_s: float,
 ) -> dict[Mutant, tuple[str, str]]:
-    """Those that act when their module is imported; `seconds`: of each file of tests, `bad`: tests
-    that are left out."""
+    """Try the mutants that act at import.
+
+    `seconds`: duration of each test file; `bad`: tests to leave out.
+    """
     results: dict[Mutant, tuple[str, str]] = {}
     but = [word for name in bad for word in ("--deselect", name)]
 
@@ -445,14 +449,14 @@ def try_anew(
 
 
 def silence() -> None:
-    """No input, and no output but by `say`."""
+    """Redirect input and output, except for those of `say`."""
     nothing = os.open(os.devnull, os.O_RDWR)
     for number in (0, 1, 2):
         os.dup2(nothing, number)
 
 
 def say(text: str) -> None:
-    """On the terminal, past what pytest captures."""
+    """Print on the terminal, bypassing pytest's capture."""
     os.write(_OUT, f"{text}\n".encode())
 
 
@@ -460,7 +464,7 @@ _OUT = os.dup(2)
 
 
 def matching(only: Sequence[str]) -> list[str]:
-    """Files of the areas, or those below the paths that are asked for."""
+    """Return the files of the areas, or those below the given paths."""
     asked = only or [path for paths in AREAS.values() for path in paths]
     found: set[str] = set()
     for each in asked:
@@ -473,7 +477,7 @@ def matching(only: Sequence[str]) -> list[str]:
 
 
 def with_tests(paths: Iterable[str]) -> list[str]:
-    """Where the tests are of the files."""
+    """Return the paths of the files' tests."""
     found: dict[str, None] = {}
     for path in paths:
         for beginning, tests in TESTS.items():
@@ -486,7 +490,7 @@ def with_tests(paths: Iterable[str]) -> list[str]:
 
 
 def main() -> int:
-    """0: no mutant survived where none may."""
+    """Return 0 if no mutant survived in the areas without survivors."""
     parser = argparse.ArgumentParser("tools/mutants", description=__doc__)
     parser.add_argument("--sample", type=int, help="so many of the mutants; without it, all")
     parser.add_argument("--seed", type=int, default=0, help="another seed: another sample")
@@ -524,13 +528,13 @@ def main() -> int:
 def carry_out(
     mutants: list[Mutant], tests: list[str], jobs: int, report: Path | None, most_s: float
 ) -> int:
-    """Run, and say how it went."""
+    """Run all mutants, and report the results."""
     began_s = time.monotonic()
     for name in PREPARED:
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
     with tempfile.TemporaryDirectory() as folder:
-        # A mutant that writes to a wrong place must not reach the user's files.
+        # A mutant that writes to a wrong path must not reach the user's files.
         for name in ("HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
             os.environ[name] = folder
         scratch = Path(folder)
@@ -571,7 +575,7 @@ def carry_out(
 def summary(
     mutants: Sequence[Mutant], results: dict[Mutant, tuple[str, str]], took_s: float
 ) -> int:
-    """Print the figures; 1 where one survived that must not."""
+    """Print the figures; return 1 if a mutant survived in an area without survivors."""
     bad = 0
     for area, paths in [*AREAS.items(), ("all", ("",))]:
         mine = [m for m in mutants if any(m.path.startswith(path) for path in paths)]

@@ -34,10 +34,10 @@ AREAS: dict[str, tuple[str, ...]] = {
     "drivers": ("cardan/drivers",),
     "protocols": ("cardan/protocols",),
 }
-"""Files and folders; one may be part of a larger area, too."""
+"""Files and folders of each area; a file may be part of a larger area, too."""
 
 NO_SURVIVORS = ("arming", "states", "authority", "limits", "access")
-"""Where a mutant that no test notices is an error."""
+"""Areas in which a surviving mutant is an error."""
 
 _GATEWAY = ("tests/gateway/arm", "tests/gateway/operator", "tests/gateway/motion")
 TESTS: dict[str, tuple[str, ...]] = {
@@ -57,8 +57,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "cardan/drivers": ("tests/drivers", "tests/test_device_faults.py", "tests/test_lost_time.py"),
     "cardan/protocols": ("tests/protocols", "tests/drivers", "tests/sim_peers"),
 }
-"""Where the tests of files are that begin so; the first that fits. Of them, each mutant has those
-run that run its statement."""
+"""Tests of files by prefix; the first match counts. Each mutant runs those that execute its
+statement."""
 
 MATRIX = (
     "tests/drivers/test_egm_limits.py",
@@ -66,11 +66,11 @@ MATRIX = (
     "tests/drivers/test_spacemouse_transport.py",
     "tests/drivers/test_ur_session.py",
 )
-"""Files of `TESTS` whose tests in the matrix are in virtual time, and are run for mutants, too."""
+"""Files of `TESTS` whose matrix tests run in virtual time, and are used for mutants, too."""
 
 _EQUIVALENT = Path(__file__).with_name("equivalent.json")
 
 
 def equivalents() -> dict[str, str]:
-    """Mutants, by name, that no test can tell from the original, each with the reason."""
+    """Return mutants that are equivalent to the original, by name, each with the reason."""
     return json.loads(_EQUIVALENT.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The mutants of a source file: small changes, each of which some test should notice."""
+"""Mutants of a source file: small changes that some test should detect."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ OPERATORS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Or: (ast.And,),
     ast.USub: (ast.UAdd,),
 }
-"""Replacements of each operator: the border of a comparison is moved, its sense turned."""
+"""Replacements of each operator: moved border of a comparison, or reversed sense."""
 
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 SYMMETRIC = frozenset({"min", "max", "suppress", "compare_digest", "hypot", "dist", "dot"})
-"""Functions whose arguments mean the same in any order."""
+"""Functions with interchangeable arguments."""
 
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 class Mutant(NamedTuple):
-    """A change of a file."""
+    """Change of a file."""
 
     path: str
     """Relative to the repository."""
@@ -65,12 +65,12 @@ class Mutant(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As the list of equivalent mutants has it: the same when lines are moved."""
+        """Identify it in the list of equivalent mutants; independent of line numbers."""
         return f"{self.path}::{self.function}: {self.change}"
 
 
 def variants(node: ast.AST) -> Iterator[ast.AST]:
-    """`node`, changed in each way."""
+    """Yield `node` with each possible change."""
 
     def changed(**fields: object) -> ast.AST:
         new = copy.copy(node)
@@ -103,7 +103,7 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
         if node.guard is not None:
             yield changed(guard=ast.Constant(True))
     elif isinstance(node, ast.MatchOr):
-        for index in range(len(node.patterns)):  # Leaves a pattern out: another stands there twice.
+        for index in range(len(node.patterns)):  # removes a pattern by repeating another
             other = node.patterns[index - 1]
             yield changed(patterns=[*node.patterns[:index], other, *node.patterns[index + 1 :]])
     elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
@@ -122,7 +122,7 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def header(statement: ast.stmt) -> str:
-    """A statement in one line, without those that it holds."""
+    """Return a statement in one line, without nested statements."""
     if isinstance(statement, (ast.If, ast.While)):
         return f"{type(statement).__name__.lower()} {ast.unparse(statement.test)}"
     if isinstance(statement, FUNCTIONS):
@@ -131,14 +131,14 @@ def header(statement: ast.stmt) -> str:
 
 
 def shown(node: ast.AST) -> str:
-    """Return the text of a node that is no statement; of a case without its body."""
+    """Return the text of an expression; of a case without its body."""
     text = ast.unparse(node).strip()
     return text.partition("\n")[0] if isinstance(node, ast.match_case) else text
 
 
 def without_effect(node: ast.AST, field: str) -> bool:
-    """Whether what stands in `field` is said to people or to type checkers only, is what the errors
-    and logs say, or only asserts that what is paired is as long."""
+    """Return whether a change of `field` cannot change results: texts of errors and logs,
+    annotations, decorators and `strict` of zip()."""
     if isinstance(node, ast.keyword) and node.arg == "strict":
         return True
     if isinstance(node, ast.Raise) or field in ("annotation", "returns", "decorator_list"):
@@ -149,7 +149,7 @@ def without_effect(node: ast.AST, field: str) -> bool:
 
 
 def mutants_of(path: str) -> list[Mutant]:
-    """All of the file at `path`, relative to the repository."""
+    """Return all mutants of the file at `path`, relative to the repository."""
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     index = {id(node): number for number, node in enumerate(ast.walk(tree))}
     found: list[Mutant] = []
@@ -164,7 +164,7 @@ def mutants_of(path: str) -> list[Mutant]:
                 vars(node).update(vars(new))
                 after = header(statement)
                 vars(node).update(saved)
-                if after == before:  # Below the first line of a statement that holds others.
+                if after == before:  # the change is inside a nested block
                     before, after = shown(node), shown(new)
                 change = f"{before} -> {after}"
                 where = index[id(statement)], index[id(node)]
@@ -175,7 +175,7 @@ def mutants_of(path: str) -> list[Mutant]:
         if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
             inside = f"{scope}.{node.name}" if scope else node.name
         for field, value in ast.iter_fields(node):
-            # Only what a function's body holds acts when it is called.
+            # Only code in a function's body runs at its call.
             body = isinstance(node, FUNCTIONS) and field == "body"
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST) and not without_effect(node, field):
@@ -186,7 +186,7 @@ def mutants_of(path: str) -> list[Mutant]:
 
 
 def mutated(mutant: Mutant) -> ast.Module:
-    """The file's syntax tree with the change."""
+    """Return the file's syntax tree with the change."""
     tree = ast.parse((ROOT / mutant.path).read_text(encoding="utf-8"))
     node = list(ast.walk(tree))[mutant.node]
     new = list(variants(node))[mutant.variant]
@@ -195,8 +195,8 @@ def mutated(mutant: Mutant) -> ast.Module:
 
 
 def instrumented(path: str) -> ast.Module:
-    """The file's syntax tree, with a call of `_mutant_hit(path, index)` before each statement of
-    each function."""
+    """Return the file's syntax tree with a call of `_mutant_hit(path, index)` before each statement
+    of each function."""
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     index = {id(node): number for number, node in enumerate(ast.walk(tree))}
 

@@ -1,4 +1,4 @@
-"""A second opinion on EGM datagrams: protobuf's own parser, and conversions written out.
+"""Independent decoder of EGM datagrams: protobuf's own parser, with explicit conversions.
 
 The schema is written from the manual's tables, one line a field, and shares nothing with the
 codec's. States are int32 here, too: the codec keeps numbers that no enum has a name for.
@@ -145,11 +145,11 @@ CLASSES = {name.removeprefix("oracle."): cls for name, cls in _classes().items()
 
 
 class RefusedError(Exception):
-    """The datagram must be refused."""
+    """Error for a datagram that must be refused."""
 
 
 def parse(name, data):
-    """The message as nested dictionaries that hold only what is there."""
+    """Return the message as nested dictionaries of the present fields."""
     try:
         message = CLASSES[name].FromString(data)
     except DecodeError as error:
@@ -170,7 +170,7 @@ def tree(message):
 
 
 def robot(data):
-    """The EgmRobot that `data` holds; RefusedError when it is not one."""
+    """Return the EgmRobot in `data`; raise RefusedError if there is none."""
     size(data)
     t = parse("EgmRobot", data)
     if t.get("header", {}).get("mtype", 0) not in (0, 2) or not t.keys() & {"feedBack", "planned"}:
@@ -194,9 +194,10 @@ def robot(data):
 
 
 def from_pc(data):
-    """The EgmSensor or EgmSensorPathCorr that `data` holds; RefusedError when it is neither."""
+    """Return the EgmSensor or EgmSensorPathCorr in `data`; raise RefusedError if there is
+    neither."""
     size(data)
-    # The header is the same in both, and a broken one breaks both.
+    # Both have the same header, and a malformed one makes both malformed.
     try:
         mtype = parse("EgmSensorPathCorr", data).get("header", {}).get("mtype", 0)
     except RefusedError:
@@ -316,7 +317,7 @@ def force(t, data):
 
 
 def assert_same(found, expected, path="message"):
-    """Equal but for the last digits of converted numbers; NaN equals NaN."""
+    """Assert equality up to the last digits of converted numbers; NaN equals NaN."""
     if isinstance(expected, tuple):
         assert type(found) is type(expected), path
         assert len(found) == len(expected), path

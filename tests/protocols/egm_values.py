@@ -1,4 +1,4 @@
-"""Strategies for EGM messages as values."""
+"""Hypothesis strategies for EGM messages as values."""
 
 from hypothesis import strategies as st
 
@@ -82,7 +82,7 @@ def usual_robots(euler):
 
 
 usual_robot = usual_robots(st.none()) | usual_robots(vector)
-"""Message of a six-axis robot's controller in every cycle."""
+"""Messages of a six-axis robot's controller in normal cycles."""
 
 speed_ref = st.builds(EgmSpeedRef, maybe(up_to_six), maybe(six), maybe(up_to_six))
 sensor = st.builds(

@@ -1,4 +1,4 @@
-"""Strategies for bytes that protobuf may or may not accept, of the shapes EGM is made of."""
+"""Hypothesis strategies for bytes that protobuf may or may not accept, structured like EGM."""
 
 import struct
 
@@ -8,7 +8,7 @@ TOP_TAGS = st.integers(1, 16)
 
 
 def varint(number, padding=0):
-    """`number` in as few bytes as it needs and `padding` more."""
+    """Encode `number` in the fewest bytes plus `padding` more."""
     groups = []
     while True:
         groups.append(number & 0x7F)
@@ -24,7 +24,7 @@ def double(number):
 
 
 def tagged(number, payload):
-    """A length-delimited field."""
+    """Encode a length-delimited field."""
     return varint(number << 3 | 2) + varint(len(payload)) + payload
 
 
@@ -62,12 +62,12 @@ messages = st.recursive(
     lambda children: st.lists(fields(children), max_size=5).map(b"".join),
     max_leaves=12,
 )
-"""Well-formed protobuf with EGM's field numbers, and seldom EGM's types."""
+"""Well-formed protobuf with EGM's field numbers, and rarely EGM's types."""
 
 
 @st.composite
 def spoilt(draw, good):
-    """`good` with bytes changed, cut off, put in or repeated."""
+    """Return `good` with bytes changed, cut off, inserted or repeated."""
     data = bytearray(draw(good))
     for _ in range(draw(st.integers(0, 3))):
         at = draw(st.integers(0, len(data)))

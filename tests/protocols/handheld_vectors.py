@@ -1,4 +1,4 @@
-"""Makes handheld_vectors.json, which the codec here and the one of the page are held to.
+"""Generator of handheld_vectors.json, test vectors for the codecs of Cardan and of its page.
 
 python -m tests.protocols.handheld_vectors
 """
@@ -92,7 +92,7 @@ REFUSED = {
 
 
 def body_table(body):
-    """A frame's body as JSON has it."""
+    """Return a frame's body in JSON's types."""
     if isinstance(body, JogTwist):
         return {"linear": body.linear, "angular": body.angular, "frame": body.frame.value}
     if isinstance(body, XrFrame):
@@ -103,7 +103,7 @@ def body_table(body):
 
 
 def vectors():
-    """All of it, as JSON has it."""
+    """Return all vectors in JSON's types."""
     chosen = random.Random(17)
     angles = [
         (0, 90, 0), (90, 0, 0), (0, 0, 45), (10, 20, 30), (350, -45, 20), (0, -90, 0), (45, 90, 10),
@@ -152,7 +152,7 @@ def vectors():
 
 
 def text():
-    """The file's text."""
+    """Return the file's text."""
     return json.dumps(vectors(), indent=1, allow_nan=False) + "\n"
 
 

@@ -70,10 +70,10 @@ def test_unknown_names():
     ("ids", "usage", "expected"),
     [
         ((0x256F, 0xC6FF), (1, 8), True),  # a product newer than the table
-        ((0x256F, 0xC6FF), (0, 0), False),  # the same, and the system hides usages
-        ((0x256F, 0xC652), (0xFF00, 1), False),  # the receiver's silent collection
+        ((0x256F, 0xC6FF), (0, 0), False),  # the same, from a system that hides usages
+        ((0x256F, 0xC652), (0xFF00, 1), False),  # silent collection of the receiver
         ((0x046D, 0xC626), (1, 6), False),
-        ((0x046D, 0xC52B), (1, 8), False),  # Logitech sells other things
+        ((0x046D, 0xC52B), (1, 8), False),  # Logitech sells other devices, too
         ((0x256F, 0xC650), (1, 8), False),  # a mouse
         ((0x256F, 0xC671), (1, 8), False),
         ((0x1234, 0xC626), (1, 8), False),

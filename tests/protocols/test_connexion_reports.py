@@ -1,4 +1,4 @@
-"""Reports against worked bytes, their own inverses, and arbitrary bytes."""
+"""Reports compared with worked bytes and their inverses, and decoded from arbitrary bytes."""
 
 import pytest
 from hypothesis import example, given, strategies as st
@@ -209,5 +209,5 @@ def test_gestures(raw, axis, sign):
 def test_serial_axes_are_right_up_away():
     forward_up_left = (-30, 20, 10, 0, 0, 0)
     assert to_robot_axes(from_serial_axes(forward_up_left), 100)[:3] == (0.1, 0.3, 0.2)
-    # A left-handed frame: its rotations are positive the other way round.
+    # The frame is left-handed: positive rotations have the opposite sense.
     assert from_serial_axes((0, 0, 0, 1, 2, 3))[3:] == (1, -3, -2)

@@ -1,4 +1,4 @@
-"""The EGM codec: worked datagrams, round trips, units, refusals."""
+"""The EGM codec: worked datagrams, round trips, units, rejected data."""
 
 import math
 import random
@@ -135,7 +135,7 @@ WORKED_PATH_CORR = EgmSensorPathCorr(
 
 
 def near(found, expected):
-    """Equal up to the grid that angles are written on."""
+    """Return whether both are equal up to the grid of encoded angles."""
     if isinstance(expected, tuple):
         return type(found) is type(expected) and all(map(near, found, expected))
     if isinstance(expected, float):
@@ -209,7 +209,7 @@ def test_any_robot_comes_back(robot):
 
 
 def assert_close_robot(found, expected):
-    """Equal; states compare as the numbers they are."""
+    """Assert equality; states compare as numbers."""
     assert isinstance(found, EgmRobot), found
     states = ("motor_state", "mci_state", "rapid_exec_state")
     for name in states:
@@ -270,7 +270,7 @@ def test_sequence_number_and_clock_wrap():
     joints = (0.0,) * 6
     wrapped = decode_from_pc(encode_joint_reply(2**32 + 5, -1, joints, None))
     assert wrapped.header == EgmHeader(5, 2**32 - 1, CORRECTION)
-    for longer in (2**7, 2**14, 2**21, 2**28):  # A byte more than the number before.
+    for longer in (2**7, 2**14, 2**21, 2**28):  # each a byte longer than the previous one
         header = EgmHeader(longer, longer - 1, CORRECTION)
         reply = encode_joint_reply(*header[:2], joints, None)
         assert decode_from_pc(reply).header == header

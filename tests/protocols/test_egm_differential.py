@@ -1,4 +1,4 @@
-"""The codec against protobuf's own parser and a schema written independently."""
+"""The codec compared with protobuf's own parser and an independent schema."""
 
 from contextlib import suppress
 
@@ -18,7 +18,7 @@ bounded = settings(max_examples=examples(250), derandomize=True)
 
 
 def agree(data, decode, expect):
-    """True when both accept `data`, with equal values; False when both refuse it."""
+    """Return True if both accept `data` with equal values, False if both refuse it."""
     found = decode(data)
     try:
         expected = expect(data)
@@ -109,7 +109,7 @@ def one_bit_turned(data):
 
 def test_every_cut():
     accepted = {end for end in range(len(R1) + 1) if agree_on_robot(R1[:end])}
-    # The rest is whole if cut at the end of a top-level field from feedBack on.
+    # Data cut at the end of a top-level field from feedBack on is still complete.
     assert sorted(accepted) == [179, 348, 352, 356, 358, 362, 420, 429, 431]
     for data in (S4, C1):
         for end in range(len(data) + 1):

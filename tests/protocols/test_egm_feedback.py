@@ -1,4 +1,5 @@
-"""Fields that an answer depends on, read in full and by likeness, against the full decoder."""
+"""Partial decoders of the fields that an answer needs, in full and by likeness, compared with the
+full decoder."""
 
 import math
 
@@ -38,12 +39,12 @@ assert isinstance(USUAL, EgmRobot)
 
 
 def same(found, expected):
-    """Equal, where NaN equals NaN."""
+    """Return whether both are equal; NaN equals NaN."""
     return repr(found) == repr(expected)
 
 
 def feedback_of(robot):
-    """Return the expected result of `decode_feedback`; None where it must refuse."""
+    """Return the expected result of `decode_feedback`; None if it must refuse."""
     header, motion = robot.header, robot.feed_back
     if header is None or header.seqno is None or motion is None:
         return None
@@ -70,7 +71,7 @@ def feedback_of(robot):
 
 
 def agree(data):
-    """Whether the short decoder says what the full one does, where both say something."""
+    """Return whether the short decoder agrees with the full one, where both return a message."""
     full, short = decode_robot(data), decode_feedback(data)
     if isinstance(full, EgmRobot):
         expected = feedback_of(full)
@@ -131,7 +132,7 @@ def test_what_no_answer_depends_on_is_not_looked_at():
 
 
 class LongWayError(Exception):
-    """Nothing may go it here."""
+    """Raised if the full decoder is called in a test that forbids it."""
 
 
 @pytest.fixture(
@@ -141,7 +142,7 @@ class LongWayError(Exception):
     ids=["python", "compiled"],
 )
 def kind(request):
-    """Every test here is of both readers."""
+    """Run every test here with both readers."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(f"{__name__}.FeedbackReader", request.param)
         yield request.param

@@ -1,4 +1,4 @@
-"""The codec against the public Python clients' own EGM, byte for byte and field for field."""
+"""The codec compared with public Python clients' own EGM, byte for byte and field for field."""
 
 import importlib
 import subprocess
@@ -34,7 +34,7 @@ def assert_same_fields(ours, theirs, path):
         other = theirs.fields_by_number[number]
         where = f"{path}.{field.name}"
         assert field.name == other.name, where
-        # Enums are plain numbers here, which travel the same way.
+        # Cardan's enums are plain numbers, which have the same encoding.
         assert field.type == (INT32 if other.type == ENUM else other.type), where
         assert field.is_required == other.is_required, where
         assert field.is_repeated == other.is_repeated, where
@@ -49,7 +49,7 @@ def test_the_schema_is_the_one_that_robots_are_driven_with(name):
 
 
 def same_bytes(message_class, data):
-    """Their class knows every field of `data` and writes the same bytes."""
+    """Assert that their class knows every field of `data` and writes the same bytes."""
     message = message_class.FromString(data)
     assert message.IsInitialized()
     fields_only = message_class()
@@ -115,7 +115,7 @@ WORKED = {"EgmRobot": (R0, R1, R0 + F7), "EgmSensor": (S1, S2, S3, S4), "EgmSens
 
 
 def run(program, text=""):
-    """Another interpreter, because the two clients cannot both be loaded in one."""
+    """Run code in another interpreter, because one process cannot load both clients."""
     done = subprocess.run(
         [sys.executable, "-c", program], input=text, capture_output=True, text=True, timeout=50
     )

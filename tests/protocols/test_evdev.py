@@ -1,4 +1,4 @@
-"""Events and requests of evdev and uinput: worked bytes, round trips, and the kernel's headers."""
+"""Events and requests of evdev and uinput: worked bytes, round trips, and kernel headers."""
 
 import re
 import shutil
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 HEADERS = Path("/usr/include/linux")
-# Not our labels, put the kernel's way.
+# The kernel's names, not Cardan's labels.
 OTHER_NAMES = {
     "left-shoulder": "TL",
     "right-shoulder": "TR",
@@ -41,7 +41,7 @@ OTHER_NAMES = {
 
 @pytest.mark.judged(device="Gamepad", transport="evdev", by="worked bytes")
 def test_worked_frame_of_a_pad():
-    """docs/gamepad.md: the left stick pushed half away, and a button."""
+    """Example of docs/gamepad.md: left stick half away, and a button."""
     data = bytes.fromhex(
         "00f15365 00000000 80380100 00000000 0300 0100 00c0ffff"
         "00f15365 00000000 80380100 00000000 0100 3001 01000000"

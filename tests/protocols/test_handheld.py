@@ -1,4 +1,4 @@
-"""Messages of pages about hands: bytes, orientations, motions."""
+"""Messages of pages about handheld devices: bytes, orientations, motions."""
 
 import itertools
 import json
@@ -149,7 +149,7 @@ def test_angles_are_in_the_ranges_of_browsers_and_come_back(q):
 
 @given(turns, st.sampled_from([X, Y, Z]), st.floats(-0.02, 0.02))
 def test_a_small_turn_is_a_small_turn_wherever_the_phone_is(q, axis, angle):
-    """Its angles may jump by 180 degrees, or be singular: the orientation does not."""
+    """Browser angles may jump by 180 degrees or be singular: the orientation does not."""
     turned = multiply(q, from_rotation_vector(Vector3(*(angle * each for each in axis))))
     before, after = from_angles(*to_angles(q)), from_angles(*to_angles(turned))
     assert norm(rotation_between(before, after)) == pytest.approx(abs(angle), abs=1e-5)
@@ -160,7 +160,7 @@ def test_an_upright_phone_turns_steadily_though_its_angles_do_not(beta):
     start = from_angles(30, beta, 0)
     held, before = Held(PoseSample(0.0, start)), None
     for step in range(-40, 41):
-        # Through the singular pose, about the axis that lies across the phone and then along it.
+        # Through the singular pose, about the phone's transverse and then its long axis.
         q = multiply(multiply(start, about(X, 0.5 * step)), about(Y, 0.25 * step))
         turn = held.turn(PoseSample(0.0, from_angles(*to_angles(q))))
         if before is not None:
@@ -182,10 +182,10 @@ def test_a_phone_on_its_edge_turns_steadily_though_alpha_and_beta_jump(side):
 
 
 def test_where_a_phone_points():
-    assert heading_rad(IDENTITY) == pytest.approx(math.pi / 2)  # Flat: its top edge, y.
-    assert heading_rad(from_angles(0, 90, 0)) == pytest.approx(math.pi / 2)  # Upright: its back.
+    assert heading_rad(IDENTITY) == pytest.approx(math.pi / 2)  # flat: heading of its top edge, y
+    assert heading_rad(from_angles(0, 90, 0)) == pytest.approx(math.pi / 2)  # upright: of its back
     assert heading_rad(from_angles(90, 30, 0)) == pytest.approx(math.pi)
-    # A phone that lies on its side counts as upright from 60 degrees on.
+    # A phone on its side counts as upright from 60 degrees on.
     assert heading_rad(from_angles(0, 55, 60)) == pytest.approx(math.pi / 2)
     assert heading_rad(from_angles(0, 65, 60)) == pytest.approx(
         math.atan2(0.5 * math.sin(math.radians(65)), -math.sin(math.radians(60)))
@@ -194,18 +194,18 @@ def test_where_a_phone_points():
 
 @given(st.floats(-3, 3), st.floats(-80, 80))
 def test_aligned_a_turn_is_along_the_robots_axes_wherever_north_is(north, tilt):
-    """The operator tips the phone's top edge up, facing along the robot's x axis."""
+    """The operator tilts the phone's top edge up, facing along the robot's x axis."""
     turned = from_rotation_vector(Vector3(0.0, 0.0, north))
     rest, tipped = (multiply(turned, from_angles(0, tilt + each, 0)) for each in (0, 5))
     yaw = Yaw.of_phone(multiply(turned, IDENTITY))
     turn = yaw.vector(Held(PoseSample(0.0, rest)).turn(PoseSample(0.0, tipped)))
-    # Nose up is the negative turn about y, which is to the left.
+    # Nose up is the negative rotation about y, which points left.
     assert turn == pytest.approx((0.0, -math.radians(5), 0.0), abs=1e-9)
 
 
 def test_a_drag_goes_as_it_is_seen_however_the_screen_is_turned():
     assert drag_on_screen(1.0, 0.0, 0) == (1.0, 0.0, 0.0)
-    # Turned to the left, the phone's right side is up.
+    # Rotated to the left, the phone's right side is up.
     assert drag_on_screen(0.0, 1.0, 1) == (1.0, 0.0, 0.0)
     assert drag_on_screen(1.0, 0.0, 1) == (0.0, -1.0, 0.0)
     assert drag_on_screen(0.0, 1.0, 2) == (0.0, -1.0, 0.0)
@@ -228,7 +228,7 @@ def test_turning_in_webxr_is_turning_here(q, numbers):
     assert ours == pytest.approx(position_from_xr(rotate(q, v)), abs=1e-9)
     assert position_to_xr(position_from_xr(v)) == v
     assert orientation_to_xr(orientation_from_xr(q)) == q
-    # A browser's unit quaternion may be off by its rounding.
+    # Rounding of a browser's unit quaternion is accepted.
     long = XrFrame(BodyPart.VIEWER, v, Quaternion(*(1.005 * each for each in q)), 0, 0, 0, 0, 0, 0)
     frame = decode_frame(encode_frame(OperatorFrame(long, True, True, True, 0, 0, 0)))
     assert frame.body.orientation == pytest.approx(q, abs=1e-6)
@@ -259,7 +259,7 @@ def test_the_way_since_it_was_held():
     [
         (0.016, 0.04, 0, False),
         (0.016, 0.06, 0, True),
-        (0.1, 0.2, 0, False),  # Frames were lost; the hand was not faster than hands are.
+        (0.1, 0.2, 0, False),  # Frames were lost, but the speed is plausible.
         (0.1, 0.4, 0, True),
         (0.016, 0.0, 30, False),
         (0.016, 0.0, 40, True),
@@ -272,7 +272,7 @@ def test_jumps(dt_s, way_m, angle_deg, jumps):
     before = PoseSample(5.0, IDENTITY, Vector3(0, 0, 0))
     now = PoseSample(5.0 + dt_s, about(X, angle_deg), Vector3(way_m, 0, 0))
     assert bool(jump(before, now)) is jumps
-    # However long it took. An unknown position counts as the same.
+    # Independent of the time between; an unknown position counts as unchanged.
     assert elsewhere(before, now) is (way_m > 0.05 or angle_deg > 35)
     assert elsewhere(before._replace(position=None), now) is (angle_deg > 35)
     assert elsewhere(before, now._replace(position=None)) is (angle_deg > 35)

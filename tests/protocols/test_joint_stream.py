@@ -1,4 +1,4 @@
-"""The joint stream's bytes: round trip, worked bytes, and everything that is not one of them."""
+"""The joint stream's bytes: round trip, worked bytes, and malformed data."""
 
 import math
 import struct

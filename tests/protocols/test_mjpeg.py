@@ -1,4 +1,4 @@
-"""Streams of pictures are parsed from any pieces."""
+"""MJPEG streams are parsed from pieces of any size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The goals of an action server, without a bus."""
+"""Goals of an action server, without a bus."""
 
 import pytest
 
@@ -57,7 +57,7 @@ def test_goals_that_go_on_are_bounded_and_ended_ones_make_room(goals):
     goals.finish(second, GoalStatus.ABORTED, RESULT, 1.0)
     goals.finish(first, GoalStatus.SUCCEEDED, RESULT, 2.0)
     assert goals.accept(bytes([4]) * 16, 0, 3.0) is not None
-    assert goals.find(B) is None  # It ended first.
+    assert goals.find(B) is None  # it ended first
     assert goals.find(A) is first
 
 

@@ -1,4 +1,4 @@
-"""Messages as CDR: worked vectors, rosbags as judge, both byte orders, and hostile bytes."""
+"""CDR messages: worked vectors, comparison with rosbags, both byte orders, and malicious bytes."""
 
 import math
 import struct
@@ -86,7 +86,7 @@ def test_the_byte_of_an_empty_message_at_the_end_may_be_missing():
 def test_big_endian_is_read():
     data = b"\0\0\0\0" + struct.pack(">iI", 1, 2) + struct.pack(">I", 2) + b"a\0" + b"\0\0"
     data += struct.pack(">7d", 1, 2, 3, 0, 0, 0, 1)
-    # Alignment counts from behind the encapsulation: 8 + 4 + 2 is 14, so two bytes to 16.
+    # Alignment counts from the end of the encapsulation: 8 + 4 + 2 is 14, thus two bytes up to 16.
     message = codec_of(POSE).decode(data)
     assert message["header"] == {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "a"}
     assert message["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 3.0}
@@ -98,7 +98,7 @@ _TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=
 
 
 def values(field):
-    """Values of one element of a field."""
+    """Return a strategy for one element of a field."""
     if field.nested:
         return messages(field.base)
     if field.base == "string":
@@ -160,7 +160,7 @@ def test_rosbags_reads_and_writes_the_same_bytes():
         if name not in store.fielddefs or name in ("rmw_dds_common/msg/Gid",):
             continue
         if "rmw_dds_common" in name or "service_msgs" in name:
-            continue  # Older ones, of other lengths.
+            continue  # older ones with other lengths
         ours = codec_of(name).encode(example(name))
         theirs = store.deserialize_cdr(ours, name)
         assert bytes(store.serialize_cdr(theirs, name)).rstrip(b"\0") == ours.rstrip(b"\0"), name
@@ -173,7 +173,7 @@ def test_rosbags_reads_and_writes_the_same_bytes_of_yarps_messages():
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     names = [name for name in all_messages() if name.startswith("yarp_control_msgs/")]
     for name in names:
-        known = name.replace("/srv/", "/msg/")  # rosbags has no services.
+        known = name.replace("/srv/", "/msg/")  # rosbags has no services
         store.register(typesys.get_types_from_msg(message_type(name).text, known))
         ours = codec_of(name).encode(example(name))
         theirs = store.deserialize_cdr(ours, known)
@@ -182,7 +182,7 @@ def test_rosbags_reads_and_writes_the_same_bytes_of_yarps_messages():
 
 
 def example(name, depth=0):
-    """A message in which every array has elements."""
+    """Return a message in which every array has elements."""
     message = default_message(name)
     for number, field in enumerate(message_type(name).fields, 1):
         message[field.name] = example_of(field, number + depth)
@@ -205,7 +205,7 @@ def example_of(field, number):
     return [one() for _ in range(count)]
 
 
-# -- bytes that are no message --------------------------------------------------------------------
+# -- malformed bytes ------------------------------------------------------------------------------
 
 
 @settings(max_examples=examples(300), deadline=None)
@@ -259,7 +259,7 @@ def test_what_follows_a_message_is_reported():
 
 
 def test_a_text_with_nul_in_it_is_none():
-    """Every decoded message can be encoded, and thus be an answer."""
+    """Every decoded message can be encoded, and used as a response."""
     codec = codec_of("std_msgs/msg/String")
     head = b"\0\1\0\0\6\0\0\0"
     assert "NUL" in codec.decode(head + b"j\0\0_1\0").reason
@@ -348,7 +348,7 @@ def test_a_default_may_have_what_begins_a_comment_elsewhere():
     assert field.default == '"it # 1"'
 
 
-# -- messages as people give them -----------------------------------------------------------------
+# -- messages in user input -----------------------------------------------------------------------
 
 
 def test_missing_fields_take_their_defaults():

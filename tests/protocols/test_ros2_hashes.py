@@ -1,4 +1,4 @@
-"""Type hashes as ROS 2 computes them: published values, and rosbags as judge."""
+"""ROS 2 type hashes: published values, and comparison with rosbags."""
 
 import pytest
 
@@ -110,7 +110,7 @@ KNOWN = (
         "da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca",
     ),
 )
-"""Hashes that ROS 2 distributions from Iron on have."""
+"""Hashes that ROS 2 distributions from Iron on contain."""
 
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
 CONTROL = (
@@ -132,16 +132,17 @@ CONTROL = (
         "80398fcb9674a79081a9906e2ccf0c804dd7cb15e22e362e606ee87186beab71",
     ),
 )
-"""Of control_msgs up to 6.2 (Iron, Jazzy): `follow_joint_trajectory__struct.h`, which a build of it
-by rosidl_generator_c has made. Those of goal and result are newer versions', too."""
+"""Hashes of control_msgs up to 6.2 (Iron, Jazzy), from a build of
+`follow_joint_trajectory__struct.h` by rosidl_generator_c. Newer versions have the same hashes of
+goal and result."""
 
 KILTED = "95618cc7"
-"""How the hash of the feedback of control_msgs 6.3 to 6.8 (Kilted and later) begins, as a client
-of it has it in its key; the whole of it is published nowhere that was found."""
+"""Start of the hash of the feedback in control_msgs 6.3 to 6.8 (Kilted and later), from a client's
+key; no published source of the whole hash was found."""
 
 OWN = "cardan_msgs/"
 DIFFERS = {"rmw_dds_common/msg/Gid", "service_msgs/msg/ServiceEventInfo"}
-"""rosbags has older ones, with 24 bytes, and uint8 in place of char."""
+"""rosbags has older definitions of these: 24 bytes, and uint8 in place of char."""
 
 
 @pytest.mark.parametrize(("name", "expected"), KNOWN + CONTROL)
@@ -163,7 +164,7 @@ def messages():
 
 
 STORES = ("ROS2_HUMBLE", "ROS2_IRON", "ROS2_JAZZY", "ROS2_KILTED", "ROS2_LYRICAL")
-"""rosbags' definitions, one for each distribution."""
+"""rosbags' definitions by distribution."""
 
 UNJUDGED = {
     "cardan_msgs",
@@ -173,8 +174,8 @@ UNJUDGED = {
     "rosapi",
     "yarp_control_msgs",
 }
-"""Packages that rosbags has of no distribution. Of control_msgs, what is in `CONTROL` has hashes
-from outside; of the others, nothing has."""
+"""Packages that rosbags lacks for all distributions. Only the hashes in `CONTROL` have an
+independent source."""
 SINCE_IRON = {"service_msgs", "type_description_interfaces"}
 
 

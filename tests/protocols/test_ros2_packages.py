@@ -1,5 +1,4 @@
-"""The packages that colcon builds: written once, and rosbags computes of them the hashes on the
-wire."""
+"""Packages that colcon builds: written once; rosbags computes the hashes on the wire from them."""
 
 import re
 import subprocess
@@ -34,8 +33,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def store(folder):
-    """rosbags' own types of Jazzy, and what it reads in the written files: each part of a service
-    or an action is a message to it."""
+    """Return rosbags' own types of Jazzy, extended by the written files: it reads each part of a
+    service or an action as a message."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted(folder.glob("*/*/*.*")):
         package, kind, _ = path.relative_to(folder).parts
@@ -43,7 +42,7 @@ def store(folder):
         for part, text in zip(PARTS[kind], texts, strict=True):
             name = f"{package}/{kind}/{path.stem}{part}"
             (read,) = get_types_from_msg(text, name).values()
-            store.register({name: read})  # It calls those of services otherwise.
+            store.register({name: read})  # rosbags names parts of services differently
     return store
 
 

@@ -1,4 +1,4 @@
-"""The parameter services of ROS 2, without a bus."""
+"""Parameter services of ROS 2, without a bus."""
 
 import pytest
 
@@ -40,7 +40,7 @@ def parameter(name, value=None):
 
 
 def carried(kind, response):
-    """The response after its way over the wire."""
+    """Return the response encoded and decoded."""
     codec = codec_of(f"rcl_interfaces/srv/{kind}_Response")
     return codec.decode(codec.encode(response))
 

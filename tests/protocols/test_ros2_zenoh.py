@@ -1,4 +1,4 @@
-"""Names, key expressions, attachments and tokens as rmw_zenoh has them."""
+"""Names, key expressions, attachments and tokens in the format of rmw_zenoh."""
 
 import pytest
 from hypothesis import given, strategies as st
@@ -96,7 +96,7 @@ def test_an_empty_depth_is_rmw_zenohs_own():
     assert Qos.parse("::,:,:,:,,").depth == 42
     assert Qos.parse("").depth == 42
     assert Qos.parse("garbage:x:y,z").depth == 42
-    assert Qos.parse(f"::2,{'9' * 5000}:,:,:,,").depth == 42  # More than int() takes.
+    assert Qos.parse(f"::2,{'9' * 5000}:,:,:,,").depth == 42  # more digits than int() accepts
 
 
 def entity(kind=PUBLISHER, name="/state/pose", namespace="/", type_name=POSE):

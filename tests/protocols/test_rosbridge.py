@@ -1,4 +1,4 @@
-"""rosbridge v2 without I/O: operations, fragments, forms, delivery, types and parameters."""
+"""rosbridge v2 without I/O: operations, fragments, encodings, delivery, types and parameters."""
 
 from __future__ import annotations
 
@@ -349,7 +349,7 @@ def test_bytes_that_are_no_message_are_said_to_be_none():
 
 
 def unpacked(text):
-    """The bytes in a PNG of one IDAT chunk without filters."""
+    """Return the bytes in a PNG of one IDAT chunk without filters."""
     image = base64.b64decode(text)
     assert image.startswith(b"\x89PNG\r\n\x1a\n")
     chunks, at = {}, 8

@@ -1,4 +1,4 @@
-"""Simple message: every body both ways, in both byte orders and with both lengths of reals."""
+"""Simple message: every body encoded and decoded, with both byte orders and both sizes of reals."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ SHARED = {
     WriteIoReply: (2006, 2010),
     Raw: (12, 20, 21, 2040000),
 }
-"""Bodies of several types."""
+"""Bodies that several message types share."""
 TYPES = [(body, msg_type) for body in BODIES for msg_type in SHARED.get(body, (None,))]
 WIRES = [codec.wire(order, reals) for order in ByteOrder for reals in (4, 8)]
 
@@ -127,7 +127,8 @@ ON_EACH_WIRE = [
     for number, of_type in enumerate(TYPES)
     for place, wire in enumerate(WIRES)
 ]
-"""With every change, each type on one wire, and each wire with every fourth type."""
+"""Combinations run with every change: each type on one wire, and each wire with every fourth
+type."""
 
 
 def test_every_type_and_every_body_is_served():
@@ -166,7 +167,7 @@ def test_lengths_are_those_of_the_reference():
     for groups in range(5):
         points = (JointFeedback(0, 7, 0.0, ZEROS, ZEROS, ZEROS),) * groups
         assert len(wire.encode(request(JointTrajPtFullEx(1, points)))) == 24 + 132 * groups
-    # Requests and replies that share their type.
+    # Requests and replies of the same type.
     for body, total in (
         (ReadRegister(5), 20),
         (ReadRegisterReply(1, 0), 24),

@@ -1,4 +1,4 @@
-"""Messages out of a TCP stream, however it was cut, and a real controller's stream."""
+"""Messages from a TCP stream split anywhere, and a real controller's stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""spacenavd's protocol: worked bytes, round trips, pieces of streams, and nonsense."""
+"""spacenavd's protocol: worked bytes, round trips, split streams, and malformed data."""
 
 import math
 import re

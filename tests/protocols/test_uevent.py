@@ -1,4 +1,4 @@
-"""Linux's uevents."""
+"""Linux uevents."""
 
 import struct
 
@@ -16,7 +16,7 @@ PROPERTIES = b"UDEV_DATABASE_VERSION=1\0ACTION=add\0SUBSYSTEM=input\0DEVNAME=/de
 
 
 def udev(properties=PROPERTIES, magic=0xFEEDCAFE):
-    """As systemd's device-monitor.c sends it."""
+    """Return an event in the format of systemd's device-monitor.c."""
     header = struct.pack("=8s", b"libudev") + struct.pack(">I", magic)
     header += struct.pack("=III", 40, 40, len(properties)) + struct.pack(">IIII", 1, 2, 3, 4)
     return header + properties

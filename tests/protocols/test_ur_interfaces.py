@@ -1,5 +1,5 @@
-"""The client interfaces byte by byte: sub-packages, real-time packets, messages, and where a script
-ends. The tables are those of UR's guides, written down once more."""
+"""The client interfaces byte by byte: sub-packages, real-time packets, messages, and the end of a
+script. The tables are independent transcripts of UR's guides."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ SIZES = [
     13,
     7,
 ]
-"""Kinds and sizes, in their order."""
+"""Types and sizes of the sub-packages in their order."""
 
 
 @pytest.mark.parametrize(("e_series", "count"), [(True, 13), (False, 10)])
@@ -280,7 +280,7 @@ COLUMNS = {
     "payload_cog": (144, 146),
     "payload_inertia": (147, 152),
 }
-"""Columns of the guide, from 1, the last included."""
+"""Columns in the guide, from 1, both ends included."""
 ONE = {name for name, (first, last) in COLUMNS.items() if first == last}
 
 
@@ -328,7 +328,7 @@ def test_a_size_that_no_real_time_packet_has(size):
     assert reader.failure == f"a packet of {size} bytes: this is no real-time interface"
 
 
-# -- where a script ends ---------------------------------------------------------------------------
+# -- end of a script -------------------------------------------------------------------------------
 
 NESTED = """def a():
   def b(x):

@@ -1,4 +1,4 @@
-"""RTDE packets: worked bytes of the vendor's guide, pieces, malformed packets, recipes."""
+"""RTDE packets: worked bytes of the vendor's guide, split streams, malformed packets, recipes."""
 
 from __future__ import annotations
 

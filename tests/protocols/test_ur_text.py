@@ -1,4 +1,4 @@
-"""The dashboard's lines, the primary interface's packages, and URScript's trees."""
+"""Lines of the dashboard, packages of the primary interface, and syntax trees of URScript."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_packages_in_pieces(sizes):
 
 def test_worked_bytes_of_an_exception():
     head = "00000026" + "14" + "0000000000002710" + "fe" + "0a"
-    assert PACKAGES[4][:15].hex() != head  # another time and length
+    assert PACKAGES[4][:15].hex() != head  # other time and length
     made = primary.exception_message(0.01, 3, "no such thing!!")
     assert made.hex() == head + "00000003" + "00000001" + b"no such thing!!".hex()
 

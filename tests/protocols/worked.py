@@ -1,4 +1,4 @@
-"""Worked datagrams and reports, hand-checked against independent implementations."""
+"""Worked datagrams and reports, checked by hand with independent implementations."""
 
 
 def _hex(text):

@@ -1,5 +1,5 @@
-"""A session without a process: a simulated SpaceMouse drives a simulated UR5 in virtual time, and
-what its loop saw becomes a record, as a recorder on the bus would have written it."""
+"""Sessions in virtual time: a simulated SpaceMouse drives a simulated UR5, and the loop's data
+become a record equal to that of a recorder on the bus."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ HAND = """
 2.4 neutral
 2.6 release left
 """
-"""Touch, release, grip, move about, release."""
+"""Touch, release, hold the dead-man, move, release."""
 
 
 class Puck:
-    """A simulated SpaceMouse and its driver, in the time of `clock`."""
+    """Simulated SpaceMouse and its driver, in the time of `clock`."""
 
     def __init__(self, clock, hand: str = HAND) -> None:
         model = model_by_key("spacenavigator")
@@ -74,8 +74,8 @@ class Puck:
 
 
 class Recorded:
-    """A session of `seconds`; `during` is called after each cycle with its number and the
-    controller, and may ask it for something."""
+    """Session of `seconds`; `during` gets the number of each cycle and the controller, and may
+    command it."""
 
     def __init__(self, tables=TABLES, seconds: float = 3.2, during=None, hand: str = HAND) -> None:
         self.tables = tables
@@ -102,7 +102,7 @@ class Recorded:
                     break
 
     def write(self, path: Path) -> Path:
-        """As a file."""
+        """Write it as a file."""
         writer = RecordWriter(path)
         described = {"versions": {}, "tables": self.tables}
         for topic, texts in (
@@ -121,14 +121,14 @@ class Recorded:
 
 
 def free_endpoint() -> str:
-    """A Zenoh endpoint on loopback where nobody listens."""
+    """Return an unused Zenoh endpoint on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def session_file(folder: Path, endpoint: str) -> str:
-    """A session's file that says how to join the bus at `endpoint`."""
+    """Write a session's file that joins the bus at `endpoint`."""
     path = folder / "session.toml"
     text = f"""
 [robot]
@@ -144,7 +144,7 @@ router = "{endpoint}"
 
 @contextlib.contextmanager
 def live_session(endpoint: str, **tables):
-    """A session on the bus, its robot a simulated UR5 in real time, its loop in a thread. It
+    """Run a session on the bus, with a simulated UR5 in real time and its loop in a thread. It
     connects to `endpoint`."""
     merged = {
         "robot": {"driver": "sim_arm", "robot": "ur5", "period_s": 0.004},

@@ -102,7 +102,7 @@ def test_a_record_that_was_cut_off_is_repaired(tmp_path):
 
 @pytest.mark.matrix
 def test_a_record_is_verified_in_another_process(tmp_path):
-    """With another seed of Python's hashes than the session had."""
+    """Its hash seed differs from the session's."""
     path = Recorded(seconds=1.2).write(tmp_path / "r.mcap")
     done = cardan("net", "replay", "--verify", str(path))
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Records as files: as other programs read them, and the rest of one that was cut off."""
+"""Record files: read by other programs, and the rest of a truncated one."""
 
 import contextlib
 import io
@@ -173,7 +173,7 @@ def test_a_file_that_was_cut_off_anywhere_gives_what_is_whole(file, tmp_path):
 
 
 def test_a_damaged_length_takes_no_memory(tmp_path):
-    """A record of metadata whose name says that it has 4 GB."""
+    """A metadata record whose name claims a length of 4 GB."""
     path = tmp_path / "damaged.mcap"
     record = struct.pack("<I", 0xF0000000) + b"cardan"
     path.write_bytes(b"\x89MCAP0\r\n\x0c" + struct.pack("<Q", len(record)) + record)
@@ -195,7 +195,7 @@ def chunk_of(compression: str, packed: bytes, unpacked_bytes: int) -> bytes:
 
 
 ZSTD_OF_3_GB = bytes.fromhex("28b52ffd a0 000000b0 010000".replace(" ", ""))
-"""A frame without data that says that it has 3 GB (RFC 8878, 3.1.1.1)."""
+"""Frame without data that claims a size of 3 GB (RFC 8878, 3.1.1.1)."""
 
 
 @pytest.mark.parametrize(
@@ -295,7 +295,7 @@ CHUNK = 6
 
 
 def records_of(data):
-    """Offset, opcode and length of each record of a file."""
+    """Return offset, opcode and length of each record of a file."""
     at = 8
     while at + 9 <= len(data):
         length = struct.unpack_from("<Q", data, at + 1)[0]
@@ -369,7 +369,7 @@ def test_a_damaged_length_is_left_behind(file, read_damaged):
 
 
 def test_no_exception_of_pythons_is_in_what_is_said_of_a_file(tmp_path):
-    """A chunk whose compressed part says that it is longer than any memory, and its like."""
+    """A chunk that claims a compressed size beyond any memory, and similar damage."""
     for packed_bytes in (1 << 63, (1 << 64) - 1, 1 << 40):
         body = struct.pack("<QQQI", 0, 0, 100, 0) + struct.pack("<IQ", 0, packed_bytes) + b"abc"
         path = tmp_path / "damaged.mcap"

@@ -1,4 +1,4 @@
-"""A record is shown to its viewer, and nothing of it comes onto the bus."""
+"""Playback of a record to its viewer, without messages on the bus."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def text(topic, at_s, value):
 
 
 def made(path, seconds=60, per_second=20):
-    """A record whose state says when it was, in tenths."""
+    """Return a record whose state has its own time, in tenths of a second."""
     writer = RecordWriter(path)
     writer.add(text(DESCRIPTION, 0.0, "<robot/>"))
     for number in range(seconds * per_second):
@@ -63,7 +63,7 @@ def show(path):
 
 
 def values(shown):
-    """Return the values shown, by topic."""
+    """Return the shown values by topic."""
     return {name: message["data"] for name, message in map(json.loads, shown)}
 
 

@@ -1,4 +1,4 @@
-"""Pictures of records: their contents, and the messages about missing data."""
+"""Plots of records: contents, and messages about missing data."""
 
 import json
 import math
@@ -46,7 +46,7 @@ def rows(node=NODE):
 
 
 def damaged(path, where):
-    """The same with a bit flipped: of the program's name, or of its only chunk."""
+    """Return the file with a flipped bit: in the program's name, or in its only chunk."""
     data = bytearray(path.read_bytes())
     data[where] ^= 1
     path.write_bytes(data)

@@ -1,4 +1,4 @@
-"""The recorder on a bus: records are complete, also to other programs, and gaps are reported."""
+"""Recorder on a bus: complete records that other programs can read, and reported gaps."""
 
 import json
 import os
@@ -35,9 +35,9 @@ from tests.waiting import until
 TEXT = codec_of(STRING)
 CARDAN = (sys.executable, "-m", "cardan")
 LATE_AT_EACH = 4
-"""Zenoh here and there, the recorder and its writer, each as late as this computer was."""
+"""Places that may be as late as this computer: both Zenoh nodes, the recorder and its writer."""
 AGAIN_S = 0.5
-"""A motion that nobody has heard is asked for again; one asked for anew begins anew."""
+"""Time until an unheard motion request is repeated; a repeat restarts the motion."""
 
 
 def recorder_on(endpoint, path, arms=()):
@@ -59,7 +59,7 @@ def put_all(publisher, count, first=0):
 
 
 def topics_of(recorder):
-    """Of which it has written a message."""
+    """Return the topics with a recorded message."""
     return {topic.name for topic in list(recorder._topics.values()) if topic is not None}
 
 
@@ -153,7 +153,7 @@ def test_a_session_is_recorded_whole(tmp_path):
     with recorder:
         with live_session(endpoint) as session:
             until(lambda: session.snapshot.loop.cycles > 400)
-            # Some topics are published once a second, and only while they have subscribers.
+            # Some topics are published once a second, and only to subscribers.
             until(lambda: topics_of(recorder) >= WHOLE, "every topic")
         report = recorder.close()
     assert report.complete, report.lines()
@@ -174,7 +174,7 @@ def test_a_session_is_recorded_whole(tmp_path):
     described = json.loads(attachments[f"{NODE[1:]}.configuration.json"])
     assert described["tables"]["arm"]["model"] == "ur5"
     assert described["versions"]["cardan"]
-    # It began before the session did, so that the session can be replayed from its first cycle.
+    # The recorder began before the session, which makes the first cycle replayable.
     (verified,) = verify(path)
     assert verified.same
     assert not verified.ended
@@ -198,7 +198,7 @@ def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
             sent_s = [0.0]
 
             def begun():
-                """The recorder hears the publisher, too, and perhaps before the session does."""
+                """The recorder also hears the publisher, perhaps before the session does."""
                 now_s = time.monotonic()
                 if session.controller.at_rest and now_s - sent_s[0] > AGAIN_S:
                     publisher.put(data, 1)
@@ -262,7 +262,7 @@ def test_a_recorder_that_is_killed_has_lost_less_than_a_second(tmp_path):
 
 
 class Sample:
-    """As Zenoh gives one."""
+    """Stand-in for Zenoh's sample."""
 
     attachment = None
     key_expr = "0/flood/std_msgs::msg::dds_::String_/RIHS01_00"
@@ -341,7 +341,7 @@ def test_what_is_no_name_of_an_arm_is_refused(tmp_path):
 
 
 class Strange:
-    """A sample from a sender that keeps to no rule."""
+    """Sample from a sender that breaks the rules."""
 
     def __init__(self, key, sequence=1, source_ns=1):
         self.key_expr = key
@@ -363,7 +363,7 @@ STRANGE = [
 
 @pytest.fixture
 def nobody_is_found(monkeypatch):
-    """The publishers that these tests hear need not be waited for."""
+    """Skip the search for publishers, which these tests do not need."""
     monkeypatch.setattr("cardan.recording.recorder.GRAPH_S", 0.0)
 
 

@@ -1,4 +1,4 @@
-"""`cardan net record --repair`: a whole file from one that was cut off or damaged."""
+"""`cardan net record --repair`: a complete file from a truncated or damaged one."""
 
 import struct
 import tracemalloc
@@ -19,7 +19,7 @@ from tests.recording.test_mcap_file import CHUNK, flipped, messages, records_of
 
 @pytest.fixture
 def file(tmp_path):
-    """A record of three chunks, which ends with the last of them."""
+    """Record of three chunks, truncated after the last one."""
     path = tmp_path / "record.mcap"
     writer = RecordWriter(path)
     writer.attach("configuration.json", "{}", NS)

@@ -1,4 +1,4 @@
-"""Replay: the same messages with the same spacing, and nothing that reaches an arm unasked."""
+"""Replay: the same messages with the same spacing, and no commands to an arm without a request."""
 
 import contextlib
 import math
@@ -54,7 +54,7 @@ CAMERA = RecordedTopic("/camera", "sensor_msgs/msg/Image", "RIHS01_" + "56" * 32
 
 
 def write(path, rows):
-    """`rows`: time in s, topic, message."""
+    """Write a file; `rows`: time in s, topic, message."""
     writer = RecordWriter(path)
     for number, (stamp_s, where, message) in enumerate(rows, 1):
         data = codec_of(where.type_name).encode(completed(where.type_name, message))
@@ -65,7 +65,7 @@ def write(path, rows):
 
 
 def in_chunks(path, damage=True):
-    """A record of 300 messages in three chunks, the second of them damaged."""
+    """Write a record of 300 messages in three chunks, the second one damaged."""
     writer = RecordWriter(path)
     data = codec_of(TWIST).encode(completed(TWIST, {}))
     ends = []
@@ -105,7 +105,7 @@ def test_what_is_wrong_with_the_file_is_part_of_the_report():
 
 
 def due(tmp_path, times_s, longest_pause_s=60.0):
-    """When messages with these times are due, and what is told."""
+    """Return the due times of messages with these times, and the reported text."""
     path = write(tmp_path / "r.mcap", [(at_s, JOG, {}) for at_s in times_s])
     schedule = Schedule(longest_pause_s)
     return [at_s for at_s, _ in schedule.of(RecordReader(path))], schedule.steps
@@ -213,7 +213,7 @@ def test_messages_come_with_their_spacing_under_their_names(tmp_path):
         str(n) for n in range(1, 21)
     ]
     times_s = [1e-9 * each.attachment.source_ns for each in heard]
-    # On a busy machine one message may be late, but none is early, and the schedule is kept.
+    # On a busy computer a message may be late, but none is early, and the schedule is kept.
     assert all(b - times_s[0] > 0.025 * n - 0.02 for n, b in enumerate(times_s))
     assert times_s[-1] - times_s[0] > 0.45
     assert said == [
@@ -268,7 +268,7 @@ def test_a_later_subscription_gets_the_last_message_of_each_who_published(tmp_pa
     ]
     rows = [(0.0, CONFIGURATION, {"data": "{}"})]
     rows += [(0.0, where, message) for where, message in zip(fixed, frames, strict=True)]
-    rows.append((6.0, STATE, {}))  # So that it is still there.
+    rows.append((6.0, STATE, {}))  # keeps the replay open
     path = write(tmp_path / "r.mcap", rows)
     with listening(endpoint) as node:
         replaying = threading.Thread(
@@ -312,7 +312,7 @@ def test_an_empty_record_and_topics_that_are_not_there(tmp_path):
 
 
 def others_record(path, encodings):
-    """An MCAP file with a message in each of these encodings."""
+    """Write an MCAP file with a message in each of these encodings."""
     with path.open("wb") as stream:
         writer = McapWriter(stream)
         writer.start("")
@@ -346,7 +346,8 @@ def test_messages_in_another_encoding_are_reported(tmp_path):
 
 
 def going(path, session, jogs):
-    """Record in which a client sent an arm 3 cm down, after another had jogged it `jogs` times."""
+    """Write a record in which a client sent an arm 3 cm down, after another one had jogged it
+    `jogs` times."""
     x, y, z, *turn = until(lambda: session.snapshot.robot.pose)
     pose = {
         "position": {"x": x, "y": y, "z": z - 0.03},
@@ -360,7 +361,7 @@ def going(path, session, jogs):
 
 @contextlib.contextmanager
 def asked(tmp_path, commands, jogs=20, **tables):
-    """A live session, and its answers to such a record."""
+    """Replay such a record to a live session; yield the session and its answers."""
     endpoint = free_endpoint()
     network = {"router": "", "listen": [endpoint]}
     with (
@@ -416,8 +417,8 @@ def test_commands_that_are_asked_for_are_refused_where_their_source_is_not_to_mo
 
 @pytest.mark.matrix
 def test_commands_that_are_asked_for_move_an_arm_that_takes_them_from_anybody(tmp_path):
-    # Without a jog: whether the arm takes one depends on how long its sender is on the bus by then,
-    # and one that is taken moves the arm.
+    # Without a jog: its acceptance would depend on the sender's time on the bus, and it would move
+    # the arm.
     ended = {"done", "aborted", "refused"}
 
     def moved():

@@ -1,4 +1,4 @@
-"""The recorder as a server: places of its files, and its messages about them."""
+"""The recorder as a server: locations of its files, and messages about them."""
 
 import threading
 

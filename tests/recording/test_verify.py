@@ -1,4 +1,5 @@
-"""The control core against records: bit for bit the same, or the first cycle that is not."""
+"""The control core compared with records: equal bit for bit, or the first different cycle is
+reported."""
 
 import dataclasses
 import json
@@ -38,7 +39,7 @@ def test_a_session_of_a_spacemouse_and_a_ur5_is_replayed_bit_for_bit(recorded, f
     assert report.lines() == [
         f"{NODE}: {report.cycles} cycles, each command bit for bit the recorded one"
     ]
-    # and it was a session in which something was to be got wrong
+    # the session has enough different commands
     commands = {decode_cycle(text).command for text in recorded.texts}
     assert len(commands) > 400
 
@@ -87,7 +88,8 @@ def test_no_hardware_is_opened(file, monkeypatch):
 
 
 @pytest.mark.matrix("request_stop-<lambda>", "suspend-<lambda>", "acknowledge-<lambda>")
-@pytest.mark.matrix("request_stop-<lambda>", "hold_off-<lambda>")  # Inhibit, as trip and suspend.
+# Inhibits like those of trip and suspend.
+@pytest.mark.matrix("request_stop-<lambda>", "hold_off-<lambda>")
 @pytest.mark.parametrize(
     ("name", "request_by"),
     [
@@ -114,12 +116,12 @@ def test_requests_between_cycles_are_made_again(tmp_path, name, request_by):
 
 
 STILL = "0.1 axes 0.3 0 0 0 0 0\n0.2 neutral\n"
-"""A hand that lets programs move the arm."""
+"""Device that lets programs move the arm."""
 
 
 def streaming(kind, command):
-    """Return a program that chooses the stream `kind` and streams the command of every fifth cycle
-    by `command`; some are refused. Then it releases the arm."""
+    """Return a program that selects the stream `kind` and sends a command by `command` in every
+    fifth cycle; some are refused. Then it releases the arm."""
     verbs = []
 
     def ask(number, controller):
@@ -130,7 +132,7 @@ def streaming(kind, command):
                 {"streamingCommand": kind, "controllerGain": 2.0}, source="page"
             )
         elif 100 < number < 400 and number % 5 == 0:
-            sequence = number if number != 200 else 1  # One of them comes too late.
+            sequence = number if number != 200 else 1  # one command with an old number
             name, value = command(number)
             verbs[0].stream(name, value, owner="page", sequence=sequence)
             verbs[0].stream(name, value, owner="another")
@@ -154,7 +156,7 @@ def test_the_streams_of_programs_are_replayed_bit_for_bit(tmp_path, kind):
     asked = [each.name for text in session.texts for each in decode_cycle(text).before]
     assert asked[0] == "set_parameters"
     assert asked[-1] == "release"
-    assert len(asked) == 60  # and none of those that were refused
+    assert len(asked) == 60  # without refused ones
     (report,) = verify(session.write(tmp_path / "stream.mcap"))
     assert report.lines() == [
         f"{NODE}: {len(session.texts)} cycles, each command bit for bit the recorded one"
@@ -163,7 +165,7 @@ def test_the_streams_of_programs_are_replayed_bit_for_bit(tmp_path, kind):
 
 
 def test_a_stream_that_began_by_itself_is_replayed(tmp_path):
-    """Its first command chooses its preset, and one that is none takes it back."""
+    """Its first command selects the preset, and an invalid one reverts that."""
     verbs = []
 
     def ask(number, controller):
@@ -266,7 +268,7 @@ def test_a_devices_inertia_reads_back_as_it_was(recorded):
         inertia = decode_cycle(json.dumps(table)).device.inertia
         assert inertia == Inertia(Vector3(0.0, 0.5, 9.8), rates and Vector3(*rates))
         assert type(inertia.acceleration) is Vector3
-    del table["device"][-1]  # As it was recorded before there was any.
+    del table["device"][-1]  # like records from before the key existed
     assert decode_cycle(json.dumps(table)).device.inertia is None
 
 
@@ -285,7 +287,7 @@ def test_a_devices_inertia_reads_back_as_it_was(recorded):
     ids=lambda each: each[:40],
 )
 def test_what_is_no_cycle_is_refused_in_words(text, why):
-    """And not in those of Python's exceptions."""
+    """The messages are not those of Python's exceptions."""
     with pytest.raises(RecordError) as caught:
         decode_cycle(text)
     assert str(caught.value) == f"no record of a cycle: {why}"

@@ -1,4 +1,4 @@
-"""Homes that are chosen, and pairs of bodies that are left out."""
+"""Automatic choice of homes and of ignored pairs of bodies."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_of_postures_bent_alike_the_lightest_near_the_middle_is_home():
 
 
 def fist(at="0 0 0"):
-    """Of five links: c turns about its own middle, which is in a; e swings by b."""
+    """Return an arm of five links: c turns about its own middle, which is in a; e swings by b."""
     links = [("a", "0 0 0"), ("b", "0 0 0.4"), ("c", at), ("d", "0 0 0"), ("e", "0.3 0 0")]
     text = "".join(LINK.format(name=name, mass=1, at=at) for name, at in links)
     places = ["0 0 0.1", "0 0 0", "0.5 0 0", "0.3 0 0"]
@@ -181,7 +181,7 @@ def test_names_of_pairs_are_said_once():
 
 
 def test_a_link_of_several_shapes_touches_if_any_of_them_does(file):
-    """Each of the four ends of the cross that c is leaves the ring's bar once a turn."""
+    """Each of the four ends of the cross c clears the ring's bar once per turn."""
     toml = (
         'home_deg = [0, 0, 0, 0]\n[[collision.shape]]\nlink = "c"\n'
         "capsule = [[0.3, 0, -0.3], [0.3, 0, 0.3], 0.04]\n"

@@ -1,4 +1,4 @@
-"""Limits that a URDF lacks: asked for all at once, given in the arm's file."""
+"""Limits that a URDF lacks: a single error requests them all, and the arm's file provides them."""
 
 import math
 import re
@@ -46,7 +46,7 @@ def load(tmp_path):
 
 
 def asked(load, urdf, toml=""):
-    """Return the text of the error, and its lines to paste."""
+    """Return the error's text, and its lines to paste."""
     with pytest.raises(ConfigurationError) as caught:
         load(urdf, toml)
     said = str(caught.value)
@@ -85,7 +85,7 @@ def test_what_is_proposed_is_taken_and_careful(load):
     assert turn.velocity == elbow.velocity == odd.velocity == math.radians(10)
     assert (elbow.lower, elbow.upper) == (math.radians(-45), math.radians(45))
     assert turn.lower == -math.inf
-    assert (odd.lower, odd.upper) == (-1.0, 0.0)  # The specification's 0.
+    assert (odd.lower, odd.upper) == (-1.0, 0.0)  # default of the specification: 0
     assert (good.lower, good.upper, good.velocity, good.effort) == (-1.0, 2.0, 3.0, 5.0)
     assert turn.effort == lift.effort == math.inf
     assert turn.acceleration == turn.velocity / 0.2
@@ -105,7 +105,7 @@ def test_what_is_proposed_is_taken_and_careful(load):
         ('<limit lower="-1" upper="1" velocity="10.1"/>', "prismatic", "velocity"),
         ('<limit lower="-1" upper="1" velocity="10"/>', "prismatic", ""),
         ('<limit lower="-1" upper="1" velocity="1" effort="0"/>', "prismatic", ""),
-        # Soft limits are limits.
+        # Soft limits count as limits.
         (
             '<limit velocity="3"/><safety_controller soft_lower_limit="-1" soft_upper_limit="1"/>',
             "revolute",
@@ -221,7 +221,7 @@ LIMITS = st.builds(
     )
 )
 def test_what_is_proposed_is_always_enough(limits):
-    """The arm loads with the proposed lines."""
+    """An arm loads with the proposed lines."""
     urdf = chain(*(joint(f"j.{n}", *each) for n, each in enumerate(limits)))
     tree = read_tree(urdf)
     try:

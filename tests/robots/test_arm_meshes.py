@@ -1,4 +1,4 @@
-"""Arms whose bodies are meshes: covered where they are, told where they are not."""
+"""Arms whose bodies are meshes: fitted covers, and messages about missing files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ URDF = f"""<robot name="own"><link name="base"/><link name="arm">{BALL}
 
 @pytest.fixture
 def own(tmp_path, monkeypatch):
-    """The file of an arm, in a package with its mesh."""
+    """Write the file of an arm in a package with its mesh."""
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
     package = tmp_path / "own_description"
     (package / "urdf").mkdir(parents=True)
@@ -83,7 +83,7 @@ def test_a_mesh_is_covered_where_the_link_has_it(own, how):
     for x, y, z in CORNERS:
         corner = transform(AT, Vector3(x, 2.0 * y, 0.5 * z))
         assert any(holds(each.shape, corner, 1e-9) for each in cover)
-    # A box is covered by a box, and no other place is taken.
+    # The cover of a box is the box itself.
     (box,) = (each.shape for each in cover)
     assert isinstance(box, OrientedBox)
     assert sorted(box.size_m) == pytest.approx([0.2, 0.2, 0.2], abs=1e-3)
@@ -97,7 +97,7 @@ def test_a_mesh_that_is_not_there_is_reported(own, tmp_path):
     (words,) = arm.missing_meshes
     assert "mesh 'package://own_description/arm.obj' is not there; looked for: " in words
     assert str(tmp_path / "own_description" / "arm.obj") in words
-    assert arm.bare_links == ("arm", "hand")  # The ball is not all of it.
+    assert arm.bare_links == ("arm", "hand")  # the ball covers only a part
     assert arm.links_without_body().endswith(words)
 
 

@@ -1,4 +1,4 @@
-"""Arm models as data."""
+"""Data of arm models."""
 
 import contextlib
 import math
@@ -43,7 +43,7 @@ def bare(*elements):
 
 
 def urdf(*elements):
-    """With the links that its joints name and it lacks."""
+    """Return a URDF with the links that its joints name."""
     text = bare(*elements)
     named = dict.fromkeys(re.findall(r'<(?:parent|child) link="([^"]+)"', text))
     there = re.findall(r'<link name="([^"]*)"', text)
@@ -389,7 +389,7 @@ THREE = st.lists(WORDS, min_size=2, max_size=4).map(" ".join)
 
 @st.composite
 def wild_urdf(draw):
-    """The right elements with any attributes, in any order, some missing."""
+    """Return valid elements with arbitrary attributes, in arbitrary order, some missing."""
     links = st.sampled_from(["base", "one", "two", "hand", ""])
     kinds = st.sampled_from(["revolute", "continuous", "prismatic", "fixed", "planar"])
     parts = []
@@ -499,7 +499,7 @@ TWO = (joint(), joint("k", a="one", b="two"))
         ((*TWO, link(BALL)), "1 of 2 links have no body: two"),
         ((*TWO, link(MESH + BALL), link(BALL, "two")), ""),
         ((*TWO, link(BALL), link(BARE, "two")), "1 of 2 links have no body: two"),
-        # The base does not move, and frames are no bodies.
+        # The base does not move, and frames have no body.
         ((*TWO, link(MESH, "base"), link(BALL), joint("w", "fixed", "two", "case", "")), "1 of 2"),
         (
             (*TWO, link(BALL), joint("w", "fixed", "two", "case", ""), link(BALL, "case")),

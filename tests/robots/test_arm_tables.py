@@ -1,4 +1,4 @@
-"""Tables of arms: for programs without Pinocchio, and to load a file again in milliseconds."""
+"""Tables of arms, for programs without Pinocchio and for a load in milliseconds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_there_is_a_table_for_each_arm_and_none_else():
 
 
 def parts(value):
-    """All that is in a table, in one list."""
+    """Return all parts of a table in one list."""
     if isinstance(value, frozenset):
         value = sorted(value)
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""An arm out of a tree: a mobile base, a torso, two arms with grippers, a head."""
+"""Arm taken from a tree: a mobile base, a torso, two arms with grippers, a head."""
 
 from __future__ import annotations
 
@@ -120,8 +120,8 @@ TREE = (
 
 
 def complete(urdf):
-    """As Pinocchio's parser wants it: without one of the products it takes no moments at all, and
-    none of that link's shapes."""
+    """Complete a URDF for Pinocchio's parser: if one product of inertia is missing, it reads no
+    moments, and no shapes of that link."""
     return re.sub(r'(<inertia ixx="\S+") (iyy=)', r'\1 ixy="0" ixz="0" iyz="0" \2', urdf)
 
 
@@ -143,7 +143,8 @@ def arm_of(tmp_path):
 
 
 def full_tree(**held):
-    """Pinocchio's model of all of the tree, and the configuration with joints held at values."""
+    """Return Pinocchio's model of the whole tree, and its configuration with held joints at their
+    values."""
     model = pin.buildModelFromXML(WHOLE)
     q = pin.neutral(model)
     for name, value in held.items():
@@ -175,8 +176,7 @@ def gripper(side, opened=0.01):
 
 
 AT_REST = {"lift": 0.05, **gripper("l"), **gripper("r"), "r/elbow": -0.2}
-"""Where joints are held that nobody says anything about: nearest to 0, mimicking ones with their
-leader."""
+"""Default positions of held joints: nearest to 0; mimicking joints follow their leader."""
 
 
 def chain_postures(arm, count=20):
@@ -198,7 +198,7 @@ def assert_same_places(arm, base, tcp, held):
 
 
 def assert_own_urdf(arm, tcp):
-    """Its joints are all that move in it, and its root is the base."""
+    """Assert that only the arm's joints move in its URDF, and that its root is the base."""
     model = pin.buildModelFromXML(complete(arm.urdf))
     assert sorted(model.names) == sorted(["universe", *arm.joint_names])
     root = next(frame.name for frame in model.frames if frame.type == pin.BODY)
@@ -215,12 +215,12 @@ def assert_own_urdf(arm, tcp):
 @pytest.mark.parametrize(
     ("toml", "joints", "base", "held"),
     [
-        # The planar joint and the lift stand before: the arm begins with the lift.
+        # The planar joint and the lift are before the base: the arm begins with the lift.
         ('tcp = "l/tcp"', ("lift", *CHAIN), "base_link", {}),
         ('tcp = "l/tcp"\nbase = "world"', ("lift", *CHAIN), "world", {}),
         ('tcp = "l/tcp"\nbase = "torso"', CHAIN, "torso", {}),
         ('tcp = "l/tcp"\nbase = "l/mount"', CHAIN, "l/mount", {}),
-        # Beside the chain: joints between the two that are not the arm's are held.
+        # Joints beside the chain that are not the arm's are held.
         ('tcp = "l/tcp"\nbase = "r/fore"', CHAIN, "r/fore", {}),
         (
             'tcp = "l/tcp"\nbase = "head"\nhold.pan = 30',
@@ -235,7 +235,7 @@ def assert_own_urdf(arm, tcp):
             {"lift": 0.2},
         ),
         (f'tcp = "l/tcp"\njoints = {list(CHAIN)}', CHAIN, "l/mount", {}),
-        # One in the middle.
+        # A base in the middle.
         (
             'tcp = "l/tcp"\nbase = "torso"\njoints = ["l/shoulder", "l/roll"]\n'
             '[hold]\n"l/elbow" = -40',
@@ -255,7 +255,7 @@ def test_an_arm_may_end_before_the_tree_does(arm_of):
     arm = arm_of('tcp = "l/fore"\nbase = "torso"\nflange = "l/fore"')
     assert arm.joint_names == CHAIN[:2]
     assert_same_places(arm, "torso", "l/fore", AT_REST)
-    # Links that hang on its end go along.
+    # Links at its end move with it.
     assert {"l/hand", "l/left_finger"} <= {shape.name for shape in arm.shapes if shape.body == 2}
 
 
@@ -276,7 +276,7 @@ def test_what_hangs_on_the_chain_weighs(arm_of):
 
 
 def test_every_body_is_where_the_whole_tree_has_it(arm_of):
-    """The arm's own move with it; those of the rest are obstacles of the base."""
+    """Bodies fixed to the arm move with it; all others are obstacles in the base frame."""
     arm = arm_of('tcp = "l/tcp"\nbase = "torso"\nhold.pan = -20')
     model, q = full_tree(**AT_REST, pan=math.radians(-20))
     for name, value in zip(CHAIN, (0.7, -1.1, 2.0), strict=True):
@@ -390,18 +390,18 @@ KINDS = st.sampled_from(["revolute", "continuous", "prismatic", "fixed"])
 
 @st.composite
 def trees(draw):
-    """Any tree: for each link but the root which hangs on it, how, and where it is held."""
+    """Draw a tree: each link except the root has a parent, a joint and a held position."""
     joints = []
     for number in range(1, draw(st.integers(2, 9))):
         parent = draw(st.integers(0, number - 1))
         x, y, z, roll, pitch, yaw = draw(POSES)
-        # Axes that are aligned are joints of their own to Pinocchio.
+        # Pinocchio has separate joint types for aligned axes.
         axis = draw(
             st.sampled_from([(1, 0, 0), (0, -1, 0), (0, 0, 2)])
             | st.tuples(NUMBERS, NUMBERS, st.floats(0.1, 1))
         )
         lower = draw(st.floats(-1, 0.5))
-        # Names in another order than the tree's: Pinocchio sorts by them.
+        # Names are not in the tree's order: Pinocchio sorts by them.
         joints.append(
             f'<joint name="{draw(st.sampled_from("azm"))}{number}" type="{draw(KINDS)}">'
             f'<parent link="l{parent}"/><child link="l{number}"/>'
@@ -437,7 +437,7 @@ def test_any_arm_of_any_tree_is_where_pinocchio_has_it(text, data):
     there = place(whole, q, chain.base, chain.tcp)
     here = as_se3(arm._replace(home=values).home_tcp)
     np.testing.assert_allclose(here.homogeneous, there.homogeneous, atol=1e-9)
-    # Each link weighs on one body, or stands with the base.
+    # Each link adds its mass to one body, or to the base.
     moved = sum(each.mass_kg for each in arm.inertias)
     still = sum(
         number

@@ -1,4 +1,4 @@
-"""A mesh is fitted once, for all contents of the cache's folder."""
+"""Cache of mesh covers: each mesh is fitted once, whatever the cache's folder contains."""
 
 import os
 
@@ -49,7 +49,7 @@ def mesh(tmp_path):
 
 @pytest.fixture
 def fitted(monkeypatch):
-    """Counts fits, which take no time."""
+    """Replace fits by a quick stand-in; return the list of its calls."""
     calls = []
 
     def quick(points, how):

@@ -1,4 +1,4 @@
-"""Covers of capsules and boxes contain the hull of the covered mesh, and not much more."""
+"""Covers of capsules and boxes contain the hull of a mesh, and little more."""
 
 import itertools
 import math
@@ -34,7 +34,7 @@ def ball(radius_m, rng, number=300):
 
 
 def cloud(seed):
-    """Points of a random kind: clouds, plates, sticks, grids, rounded and pointed bodies."""
+    """Return points of a random kind: clouds, plates, sticks, grids, rounded and pointed bodies."""
     rng = np.random.default_rng(seed)
     kind = seed % 8
     if kind == 0:
@@ -59,7 +59,8 @@ def cloud(seed):
 
 
 def depths(shape, points):
-    """Distance of each point from a shape's surface by its definition; below 0 inside."""
+    """Return the signed distance of each point from a shape's surface by its definition; negative
+    inside."""
     if isinstance(shape, Capsule):
         start, end = np.array(shape.start), np.array(shape.end)
         along = end - start
@@ -81,7 +82,7 @@ def cover_depths(shapes, points):
 
 
 def inside_hull(points, rng, number=4000):
-    """Corners, points between two, three and many of them."""
+    """Return corners, and points between two, three and more of them."""
     found = [points]
     for many in (2, 2, 3, 4, 8):
         chosen = points[rng.integers(0, len(points), (number, many))]
@@ -154,15 +155,15 @@ def test_nothing_is_farther_from_the_cover_than_from_the_hull(seed, how):
 
 
 @given(seed=SEEDS)
-@example(seed=61)  # A cylinder: of its flat ends, rounding lets a corner see some facets.
-@example(seed=95)  # A cone: a thin facet, whose plane a far point is a little beyond.
+@example(seed=61)  # cylinder: a corner sees some facets of its flat ends, because of rounding
+@example(seed=95)  # cone: a far point is slightly outside the plane of a thin facet
 @settings(max_examples=examples(40))
 def test_the_simplified_hull_is_within_its_margin_of_all_points(seed):
     points = cloud(seed)
     hull = Hull(points)
     gap = hull.distances(points).max()
     assert gap <= hull.margin_m <= max(gap, 0.0) + THINNEST_M
-    # Its corners are corners of theirs, but for the joggle and for what was too thin.
+    # Its corners are corners of the points, except for the joggle and for too thin parts.
     gaps = np.linalg.norm(hull.corners[:, None] - points[None], axis=2).min(axis=1)
     assert gaps.max() <= 2.0 * THINNEST_M
     assert hull.volume > 0.0

@@ -1,4 +1,4 @@
-"""Meshes are found by every form of their names, and read or refused in one line."""
+"""Mesh files: found by every form of their names, and read or rejected in one line."""
 
 import contextlib
 import math
@@ -104,7 +104,7 @@ def test_every_format(mesh, kind):
 
 
 def turned(faces):
-    """Each by its corners, the lowest first, in the order in which they go round."""
+    """Rotate each triangle to its lowest corner first, with the same orientation."""
     found = []
     for face in faces:
         corners = [tuple(map(float, np.round(corner, 9))) for corner in face]
@@ -327,12 +327,12 @@ def test_damaged_files_give_points_or_one_error(kind, cut, at, byte, tmp_path_fa
 
 
 # ---------------------------------------------------------------------------------------------
-# Where they are
+# Locations
 
 
 @pytest.fixture
 def robot(tmp_path, monkeypatch):
-    """A package as it is in a source tree, and its URDF."""
+    """Write a package like that of a source tree, and its URDF."""
     for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         monkeypatch.delenv(name, raising=False)
     package = tmp_path / "src" / "arm_description"

@@ -1,4 +1,4 @@
-"""Arms whose description is an MJCF. The numbers about them are results of MuJoCo 4.0.0."""
+"""Arms described in MJCF, compared with results of MuJoCo 4.0.0."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ TRIAL = """<mujoco model="trial">
   <keyframe><key name="home" qpos="0.1 0.2 0.1 0.3 0.4 0"/></keyframe>
 </mujoco>
 """
-"""Of everything something: orientations of all kinds, a body of two joints, frames, defaults."""
+"""Model with every feature: all kinds of orientations, a body of two joints, frames, defaults."""
 
 MUJOCO = {
     (0.2618, 0.0, 0.05, 0.0, 0.0): (
@@ -95,7 +95,7 @@ MUJOCO = {
         (-0.04942875726, -0.960430186287, 0.274099717665),
     ),
 }
-"""Of each posture, where the site is, m, and the rows of its matrix."""
+"""Position of the site, m, and rows of its matrix, by posture."""
 
 WEIGHTS = (4.3883201856, -1.3309732166, 10.9000179604, -1.5542132231, 0.0383444546)
 """Load of gravity on the joints at home, N·m and N."""
@@ -111,7 +111,7 @@ bend = 60.0
 
 
 def mjcf(body="", head="", more="", joint='<joint name="j" range="-60 80"/>'):
-    """An arm of one joint, a site at its end."""
+    """Return an arm of one joint with a site at its end."""
     return (
         f'<mujoco model="m">{head}<worldbody><body name="a"><body name="b" pos="0.1 0 0.2">'
         f'{joint}<geom size="0.05"/>{body}<site name="tip" pos="0 0 0.3"/></body></body>'
@@ -135,13 +135,13 @@ def loaded(tmp_path, monkeypatch):
 
 
 def origin_of(text, joint):
-    """Where a joint of the translation is: a placement."""
+    """Return the placement of a joint's origin in the translated URDF."""
     element = read_tree(urdf_of(text)).joints[joint].element.find("origin")
     xyz, rpy = ([float(each) for each in element.get(key).split()] for key in ("xyz", "rpy"))
     return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
 
 
-# -- As MuJoCo has it -------------------------------------------------------------------------
+# -- Comparison with MuJoCo -------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -327,7 +327,7 @@ def test_efforts_are_those_of_the_weakest():
     assert effort('<velocity class="weak" joint="j"/>', head=weak) == "2.0"
 
 
-# -- What couples joints ----------------------------------------------------------------------
+# -- Coupled joints ---------------------------------------------------------------------------
 
 FINGERS = """<body name="f"><joint name="k" type="slide" range="0 0.04" ref="0.01"/>
   <geom size="0.01"/></body><body name="g"><joint name="l" type="slide" range="0 0.04"/>

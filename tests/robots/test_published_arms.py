@@ -1,5 +1,7 @@
-"""Published descriptions as they are, with a few lines of TOML: what a user does with one. Our own
-files of two of them are the same arms."""
+"""Published descriptions, unchanged, with a few lines of TOML like a user's.
+
+Cardan's own files of two of them describe the same arms.
+"""
 
 import importlib.metadata
 
@@ -82,7 +84,7 @@ def test_our_own_file_is_the_published_arm(published, tmp_path):
     for one, other in zip(ours.joints, theirs.joints, strict=True):
         assert (one.lower, one.upper) == (other.lower, other.upper)
         assert (one.velocity, one.effort) == (other.velocity, other.effort)
-    # Their last link may carry more than ours.
+    # The published last link may be heavier.
     for one, other in zip(ours.inertias[:-1], theirs.inertias, strict=False):
         assert one.mass_kg == other.mass_kg
         assert one.center_m == pytest.approx(other.center_m, abs=1e-9)
@@ -104,7 +106,7 @@ def test_our_own_covers_contain_the_published_meshes(published):
 
 
 def mesh_points(tree, file, link):
-    """The corners of all meshes that a link collides with, in its frame."""
+    """Return the corners of all collision meshes of a link, in its frame."""
     found = []
     for collision in tree.links[link].iterfind("collision"):
         path, why = find_mesh(collision.find("geometry/mesh").get("filename"), file)
@@ -114,7 +116,7 @@ def mesh_points(tree, file, link):
 
 
 def placed(element, points):
-    """Points in the frame that the origin of `element` is in."""
+    """Transform points into the frame in which the origin of `element` is given."""
     if (origin := element.find("origin")) is None:
         return points
     xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
@@ -122,7 +124,7 @@ def placed(element, points):
 
 
 def inside(shape, points):
-    """Of each point, whether it is in a capsule or a box."""
+    """Return for each point whether it is in a capsule or a box."""
     if isinstance(shape, OrientedBox):
         local = (points - shape.pose.position) @ to_se3(shape.pose).rotation
         return (np.abs(local) <= 0.5 * np.array(shape.size_m)).all(axis=1)

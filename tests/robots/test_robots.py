@@ -1,4 +1,4 @@
-"""The arms' files against worked values, by two forward kinematics that share nothing."""
+"""The arms' files compared with worked values, by two independent forward kinematics."""
 
 from __future__ import annotations
 
@@ -341,7 +341,7 @@ LIMITS = {
         (-2.0, -0.1, 3.078, 10),
         (None, None, 3.6, 10),
     ],
-    # Speed and torque are those of its servos.
+    # Speed and torque of the joint's servos.
     "so101": [
         (-1.91986, 1.91986, math.radians(270), 2.94),
         (-1.74533, 1.74533, math.radians(270), 2.94),
@@ -489,8 +489,8 @@ CAPSULES = {
     ],
 }
 
-# Each box as (body, center, size), m; along the body's axes, but for the one of the Panda's flange,
-# which is turned by 45 degrees, and the one of the SO-101's jaw.
+# Each box as (body, center, size), m, along the body's axes. The Panda's flange has one turned by
+# 45 degrees, and the SO-101's jaw a rotated one.
 BOXES = {
     "panda": [
         (0, (-0.0415, 0, 0.038), (0.227, 0.19, 0.078)),
@@ -531,14 +531,14 @@ def of_pose(pose):
 
 
 def turn(axis, angle):
-    """Rodrigues."""
+    """Rotation matrix by Rodrigues' formula."""
     x, y, z = axis
     k = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
     return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
 
 
 def bodies(arm, q):
-    """Placements of the base and of every body, and each joint's axis and a point on it."""
+    """Return placements of the base and of every body, and each joint's axis with a point on it."""
     placements, axes = [np.eye(4)], []
     for joint, value in zip(arm.joints, q, strict=True):
         assert joint.kind is not JointKind.PRISMATIC
@@ -549,7 +549,7 @@ def bodies(arm, q):
 
 
 def plain(arm, q):
-    """TCP and Jacobian (TCP axes) by matrices alone."""
+    """Return TCP and Jacobian (TCP axes), computed with matrices only."""
     placements, axes = bodies(arm, q)
     tcp = placements[-1] @ of_pose(arm.tcp)
     back = tcp[:3, :3].T
@@ -561,7 +561,7 @@ def plain(arm, q):
 
 
 def pinocchio(arm, q):
-    """The same by Pinocchio's own reader of URDF; the names of the links are all they share."""
+    """Return the same from Pinocchio's own URDF reader; only link names are shared."""
     model = pin.buildModelFromXML(arm.urdf)
     assert [name for name in model.names if name != "universe"] == list(arm.joint_names)
     values = []
@@ -584,7 +584,7 @@ def test_every_arm_is_here():
 def test_worked_poses(row, forward):
     tcp, jacobian = forward(load_arm(row.arm), np.radians(row.q_deg))
     np.testing.assert_allclose(tcp[:3, 3], row.position, atol=1e-6)
-    # Quaternion and rotation vector are given to six decimals, of which the rotation has twice.
+    # Quaternion and rotation vector have six decimals, which doubles the error of the rotation.
     x, y, z, w = row.quaternion
     given = pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
     np.testing.assert_allclose(tcp[:3, :3], given, atol=2e-6)
@@ -607,7 +607,7 @@ def test_both_kinematics_agree_everywhere(name):
 
 
 def dh(links, q):
-    """Classic DH: (offset deg, D, A, alpha deg) and the joints, rad."""
+    """Return classic DH frames for (offset deg, D, A, alpha deg) and joints in rad."""
     frame = np.eye(4)
     for (offset, d, a, alpha), value in zip(links, q, strict=True):
         first = matrix(turn((0, 0, 1), math.radians(offset) + value), (0, 0, 0))
@@ -630,7 +630,7 @@ def teo_shoulder(y):
     return matrix([[0, 1, 0], [0, 0, 1], [1, 0, 0]], (0, y, 0.4982))
 
 
-# Frame before the first link, links, frame after the last.
+# Constant frames: before the first link, of the links, after the last one.
 DH = {
     "teo_right_arm": (teo_shoulder(-0.3469), TEO_LINKS, TEO_HAND),
     "teo_left_arm": (teo_shoulder(0.3469), TEO_LINKS, TEO_HAND),
@@ -659,7 +659,7 @@ DH = {
         ],
         np.eye(4),
     ),
-    # Franka gives them as Craig does.
+    # Franka's parameters follow Craig's convention.
     "panda": (
         np.eye(4),
         [
@@ -756,7 +756,7 @@ def test_bodies_are_those_of_the_tables(name):
         assert box.shape.size_m == pytest.approx(size)
     for body, start, end, radius in given:
         if name in ("ur5", "ur5e") and body == 0:
-            # Given in base_link_inertia, which is turned by pi from the base.
+            # Given in base_link_inertia, which is rotated by pi from the base.
             start, end = ((-x, -y, z) for x, y, z in (start, end))
         same = [
             shape
@@ -783,7 +783,7 @@ def test_teo_has_its_trunk_and_head_to_avoid():
 
 
 def distances(arm, q):
-    """Of each pair of bodies' shapes that is neither ignored nor of neighbors, m."""
+    """Return the distances of all checked pairs of bodies, m: neither ignored nor neighbors."""
     placements, _ = bodies(arm, q)
     solids = []
     for shape in arm.shapes:
@@ -814,10 +814,11 @@ def distances(arm, q):
 
 
 LEAST_SINGULAR_VALUE_AT_HOME = 0.12
-"""The fully stretched poses have 0; those of the table that are fit to work from, 0.08 to 0.23."""
+"""Fully stretched poses have 0; the table's poses for work have 0.08 to 0.23."""
 
 LEAST_OF_A_SMALL_ARM = {"so101": 0.07}
-"""Its links are of 12 and 13 cm; the largest that it has anywhere is hardly above 0.08."""
+"""Lower limits of small arms: the links have 12 and 13 cm, and the highest value anywhere is hardly
+above 0.08."""
 
 
 @pytest.mark.parametrize("name", arm_names())
@@ -853,7 +854,7 @@ def test_the_hand_of_amor_touches_its_forearm_at_zero():
 
 @pytest.mark.parametrize("name", ["teo_right_arm", "teo_left_arm"])
 def test_a_teo_arm_can_hit_the_trunk(name):
-    """Elbow bent, the upper arm turned inwards as far as it goes."""
+    """With the elbow bent and the upper arm turned inwards to its end stop."""
     inwards = 50 if name == "teo_right_arm" else -50
     found = distances(load_arm(name), np.radians((0, 0, inwards, -90, 0, 0)))
     assert min(d for (one, other), d in found.items() if "torso" in (one, other)) < 0.0
@@ -867,13 +868,13 @@ def test_published_masses():
         assert inertias[5].center_m.z == pytest.approx((0.3 * -0.09 + 0.45 * -0.1675) / 0.75)
     ur5 = load_arm("ur5").inertias
     assert [i.mass_kg for i in ur5] == pytest.approx([3.7, 8.393, 2.275, 1.219, 1.219, 0.1879])
-    xx, xy, xz, yy, yz, zz = ur5[1].moments  # A cylinder along x.
+    xx, xy, xz, yy, yz, zz = ur5[1].moments  # cylinder along x
     assert (xy, xz, yz) == pytest.approx((0, 0, 0), abs=1e-9)
     assert xx == pytest.approx(8.393 * 0.06**2 / 2, rel=1e-3)
     assert yy == zz == pytest.approx(8.393 * (3 * 0.06**2 + 0.425**2) / 12, rel=1e-3)
     panda = [4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522]
     assert [i.mass_kg for i in load_arm("panda").inertias] == pytest.approx(panda)
-    # The last has the jaw's 12 g.
+    # The last one includes the jaw's 12 g.
     so101 = [0.100006, 0.103, 0.104, 0.079, 0.099]
     assert [i.mass_kg for i in load_arm("so101").inertias] == pytest.approx(so101)
     pr2 = [25.799, 2.750, 6.118, 1.903, 2.680, 0.614, 0.680]

@@ -1,4 +1,4 @@
-"""Three published descriptions out of small wheels, as they are: tried with every change."""
+"""Three published descriptions from small wheels, unchanged; tested with every change."""
 
 import importlib.metadata
 

@@ -1,4 +1,4 @@
-"""Slides in a row that one of them leads are one joint of an arm."""
+"""Telescope: slides in a row that follow a leading one act as one joint of an arm."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def follow(name, leader="s1"):
 
 
 def arm(second=None, third=None, shape=SHAPE, first=None):
-    """A turn, three slides along one line whose frames are turned, and a wrist."""
+    """Return an arm of a rotation, three slides along one line with rotated frames, and a wrist."""
     collision = (
         '<collision><origin xyz="0.02 0.01 0.03" rpy="0.1 0.2 0.3"/>'
         f"<geometry>{shape}</geometry></collision>"
@@ -67,7 +67,7 @@ def loaded(tmp_path, monkeypatch):
 
 
 def whole():
-    """Pinocchio's model of all joints, and its positions for those of the arm."""
+    """Return Pinocchio's model of all joints, and its positions for those of the arm."""
     model = pin.buildModelFromXML(arm().replace(follow("s2"), "").replace(follow("s3"), ""))
 
     def positions(turn, way, wrist):
@@ -87,7 +87,7 @@ def test_it_is_one_slide_that_is_as_long_as_all(loaded):
     model = loaded(arm())
     assert model.joint_names == ("turn", "s1", "wrist")
     joint = model.joints[1]
-    # The third is at its end first: at 0.1 m of the first.
+    # The third slide reaches its end first: at 0.1 m of the first one.
     assert (joint.lower, joint.upper) == pytest.approx((0.01, 0.36))
     assert joint.velocity == pytest.approx(0.2 * 3.5)
     assert joint.effort == pytest.approx(70 / 3.5)
@@ -129,14 +129,14 @@ def test_bodies_between_are_where_they_truly_are_and_more(loaded, shape, last, m
 
 
 def alone(shape):
-    """The same body on a link of its own."""
+    """Return the same body on its own link."""
     return f"""<robot name="r" version="1.1"><link name="a"/><link name="l"><collision>
       <origin xyz="0.02 0.01 0.03" rpy="0.1 0.2 0.3"/><geometry>{shape}</geometry></collision>
       </link>{slide("j", "a", "l")}</robot>"""
 
 
 def points(shape, rng):
-    """On its surface, as Pinocchio has them."""
+    """Return points on its surface, from Pinocchio."""
     for _ in range(20):
         out = rng.normal(size=3)
         out /= np.linalg.norm(out)

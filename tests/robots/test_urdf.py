@@ -1,4 +1,4 @@
-"""URDF files as other programs read them: accepted and refused as by these."""
+"""URDF files: accepted and refused like by other programs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def urdf(head="", origin="", limit="", links="", collision="", name="j", attributes=""):
-    """An arm of one joint and, at its end, a link that is fixed."""
+    """Return an arm of one joint with a fixed link at its end."""
     return (
         f'<robot name="r"{attributes}>{head}<link name="a"/><link name="b">{collision}</link>'
         f'<link name="c"/>{links}<joint name="{name}" type="revolute"><parent link="a"/>'
@@ -192,11 +192,11 @@ def test_what_others_refuse_is_refused(text, words):
         parse_urdf(text)
 
 
-# -- Files that want to harm ------------------------------------------------------------------
+# -- Malicious files --------------------------------------------------------------------------
 
 
 def chain(count):
-    """Fixed joints one after the other, at the end of an arm."""
+    """Return a chain of fixed joints at the end of an arm."""
     links = "".join(f'<link name="l{i}"/>' for i in range(count))
     joints = "".join(
         f'<joint name="k{i}" type="fixed"><parent link="{f"l{i - 1}" if i else "c"}"/>'
@@ -246,7 +246,7 @@ def test_joints_that_mimic_without_end(arm_file):
     multiplied = followers(20).replace('joint="k-1"', 'joint="j"')
     with pytest.raises(ConfigurationError, match=r"mimic of joint 'k.': it turns 1e[+]10 times"):
         load(multiplied)
-    # Held joints have a place also where the one that they follow is not there.
+    # Held joints have a position even if the joint that they mimic is missing.
     for lost in (followers(1), followers(2).replace('joint="k-1"', 'joint="k1"')):
         assert load(lost).joint_names == ("j",)
 
@@ -259,7 +259,7 @@ def test_the_longest_chain_is_read():
 
 
 def published():
-    """Every URDF in documentation, examples and the package."""
+    """Return every URDF in documentation, examples and the package."""
     for path in sorted(ROOT.glob("cardan/robots/*.urdf")):
         names = load_arm(path.stem).joint_names
         yield pytest.param(path.read_text(encoding="utf-8"), names, id=path.stem)
@@ -277,7 +277,7 @@ def published():
 
 @pytest.mark.parametrize(("text", "names"), list(published()))
 def test_every_urdf_of_ours_is_read_by_other_programs(text, names, capfd):
-    """urdfdom says on stderr what it leaves out, and reads on."""
+    """urdfdom reports skipped elements on stderr, and continues."""
     model = pin.buildModelFromXML(text)
     pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     assert capfd.readouterr().err == ""

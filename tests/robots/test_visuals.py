@@ -1,4 +1,4 @@
-"""Visual meshes are kept as a browser draws them; those that cannot be shown are reported."""
+"""Visual meshes in the form that a browser draws; those that cannot be shown are reported."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ URDF = """<robot name="own"><link name="base">
 
 @pytest.fixture
 def own(tmp_path, monkeypatch):
-    """Writes the file of an arm with these two visual meshes."""
+    """Write the file of an arm with these two visual meshes."""
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
     package = tmp_path / "own_description"
     package.mkdir()
@@ -42,7 +42,7 @@ def own(tmp_path, monkeypatch):
 
 
 def drawn(data):
-    """Triangles by their corners' coordinates."""
+    """Return triangles by their corners' coordinates."""
     corners, triangles = np.frombuffer(data, "<u4", 2)
     positions = np.frombuffer(data, "<f4", 3 * corners, 8).reshape(-1, 3)
     indices = np.frombuffer(data, "<u4", offset=8 + 12 * corners).reshape(-1, 3)
@@ -117,7 +117,7 @@ def test_an_arm_has_no_more_than_its_share(own, monkeypatch):
     stored = keep_visuals(own())
     assert list(stored.keys) == ["package://own_description/square.obj"]
     assert "'other.OBJ' is beyond the" in stored.in_words()
-    # The same one twice is there once.
+    # A repeated mesh is stored once.
     monkeypatch.setattr(visuals, "METHOD", "other")
     assert keep_visuals(own(second="square.obj")).in_words() == ""
 

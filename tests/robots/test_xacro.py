@@ -1,4 +1,4 @@
-"""Arms whose description is a ``.xacro``."""
+"""Arms described by a ``.xacro`` file."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def xacro():
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """An arm, and a package beside its own that it includes a file of."""
+    """Write an arm, and a package beside its own with a file that it includes."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)

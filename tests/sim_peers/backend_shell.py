@@ -1,4 +1,4 @@
-"""A shell for a backend alone: no device is played behind it."""
+"""Shell for tests of a backend alone: no device is simulated behind it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cardan.sim_peers.backends.base import DeviceBackend
 
 
 class BareShell:
-    """The part of a peer that its backend uses. `now_s` is the device's time."""
+    """Part of a peer that its backend uses. `now_s` is the device's time."""
 
     refused_until_s = 0.0
 
@@ -25,7 +25,7 @@ class BareShell:
         return self.now_s
 
     def catch_up(self) -> None:
-        """There is nothing to play."""
+        """Do nothing: there is no motion to simulate."""
 
     def serve(self, backend: DeviceBackend, timeout_s: float) -> None:
         """Run the loop once."""

@@ -28,10 +28,10 @@ Reply = Callable[[EgmRobot], "EgmSensor | EgmSensorPathCorr | bytes | None"]
 
 
 class Pc:
-    """Owns the core; `run` advances both."""
+    """Simulated PC that owns the controller's core; `run` advances both."""
 
     def __init__(self, steps: str = "", **options: object) -> None:
-        """`steps`: the text of a script, in place of the option `script`."""
+        """`steps`: text of a script, in place of the option `script`."""
         with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
             if steps:
                 file.write(steps)
@@ -76,7 +76,7 @@ class Pc:
         self.core.receive(answer)
 
     def run(self, seconds: float, reply: Reply | None = None) -> list[EgmRobot]:
-        """Messages of the next `seconds`."""
+        """Return the messages of the next `seconds`."""
         before = len(self.received)
         for _ in range(round(seconds / self.core.options.period_s)):
             self.step(reply)
@@ -87,7 +87,7 @@ class Pc:
         return EgmHeader(self.seqno, round(self.now_s * 1e3), mtype)
 
     def joints(self, *deg: float, speeds_deg_s: tuple[float, ...] | None = None) -> Reply:
-        """Always answers with these joints."""
+        """Answer always with these joints."""
         position = tuple(map(math.radians, deg)) or None
         speeds = tuple(map(math.radians, speeds_deg_s)) if speeds_deg_s else None
         return lambda _message: EgmSensor(
@@ -103,7 +103,7 @@ class Pc:
         euler: Vector3 | None = None,
         speeds: tuple[float, ...] | None = None,
     ) -> Reply:
-        """Always answers with this pose."""
+        """Answer always with this pose."""
         pose = EgmPose(position, orientation, euler)
         return lambda _message: EgmSensor(
             self.header(),
@@ -113,17 +113,17 @@ class Pc:
 
     @property
     def joints_deg(self) -> tuple[float, ...]:
-        """Where the arm really is."""
+        """Return the true joint positions of the arm."""
         return tuple(map(math.degrees, self.core.joints_rad))
 
     @property
     def codes(self) -> list[int]:
-        """Numbers of the event log."""
+        """Return the numbers of the event log's entries."""
         return [event.code for event in self.core.events]
 
 
 def echo(message: EgmRobot) -> EgmSensor:
-    """Answer with the measured position: hold still, as a PC should at first."""
+    """Answer with the measured position, which holds still."""
     assert message.feed_back is not None
     assert message.header is not None
     return EgmSensor(

@@ -1,7 +1,7 @@
-"""A program around a public EGM client, unmodified: LIBRARY SCENARIO.
+"""Program that runs an unmodified public EGM client: LIBRARY SCENARIO.
 
-A program of its own because the two libraries register different schemas under one file name and
-so cannot share a process. Prints its port, then what it saw as one line of JSON.
+The two libraries register different schemas under one file name, and cannot share a process. The
+program prints its port, then the received data as one line of JSON.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TARGET_DEG = START_DEG + np.array([5.0, -3.0, 2.0, 4.0, -5.0, 10.0])
 SHIFT_MM = np.array([-20.0, 40.0, 15.0])
 SPEED_MM_S = 25.0
 CYCLES = 180
-"""0.7 s: at k = 15 a step is reached to 0.002 %, delays aside."""
+"""0.7 s: at k = 15 a step is reached to 0.002 %, apart from delays."""
 
 
 def receive(client: Any) -> Any:
@@ -30,7 +30,7 @@ def receive(client: Any) -> Any:
 
 
 def position_of(cartesian: Any) -> tuple[Any, Any]:
-    """(xyz in mm, quaternion w x y z) of either library's pose."""
+    """Return (xyz in mm, quaternion w x y z) of either library's pose."""
     if hasattr(cartesian, "pos"):
         p, q = cartesian.pos, cartesian.orient
         return np.array([p.x, p.y, p.z]), np.array([q.u0, q.u1, q.u2, q.u3])
@@ -98,8 +98,8 @@ def path_correction(client: Any) -> list[Any]:
 
 
 def silence(client: Any) -> list[Any]:
-    """Until its input ends, and what came by then is read."""
-    # The controller's messages in its virtual time are kept here until they are read.
+    """Stay silent until standard input ends; then read the messages received by then."""
+    # A large buffer for the messages that the controller sends in virtual time.
     client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
     states = [receive(client)]
     for _ in range(20):

@@ -18,7 +18,7 @@ def make(model: str = "spacenavigator", **settings: object) -> SimulatedSpaceMou
 
 
 def run(device: SimulatedSpaceMouse, until_s: float) -> Stamped:
-    """Every report until `until_s`, with the time at which it came."""
+    """Return every report until `until_s`, with its time."""
     reports: Stamped = []
     while (due_s := device.next_due_s) <= until_s:
         reports += [(due_s, report) for report in device.reports(due_s)]
@@ -27,7 +27,7 @@ def run(device: SimulatedSpaceMouse, until_s: float) -> Stamped:
 
 
 def perform(device: SimulatedSpaceMouse, script: str, until_s: float) -> Stamped:
-    """Every report of `device` in the hand of `script`, with its time."""
+    """Return every report of `device` during `script`, with its time."""
     motion = ScriptedPuck(parse_script(script, SCRIPT_VERBS), device.model)
     reports: Stamped = []
     while (due_s := min(device.next_due_s, motion.next_due_s)) <= until_s:

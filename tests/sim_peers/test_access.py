@@ -1,4 +1,5 @@
-"""Access to a simulated device: its owner alone, whatever the umask, or everybody when asked."""
+"""Access to a simulated device: only for its owner, whatever the umask, or for all users on
+request."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ def umask(request):
 
 
 def mode(path):
-    """The mode of the file that programs open at `path`."""
+    """Return the mode of the file that programs open at `path`."""
     return stat.S_IMODE(os.stat(path).st_mode)
 
 

@@ -1,4 +1,4 @@
-"""The simulated arm's controller over its datagrams, in virtual time."""
+"""Controller of the simulated arm and its datagrams, in virtual time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SPEED = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Client:
-    """Commands an arm cycle by cycle and keeps its messages."""
+    """Commands an arm cycle by cycle and records its messages."""
 
     def __init__(self, faults=(), drive="dynamic", **options):
         self.arm = SimulatedArm(
@@ -59,7 +59,8 @@ class Client:
         self.arm.receive(data, self.now_s, **receive)
 
     def run(self, seconds, mode=None, values=()):
-        """So long, commanding each cycle (nothing when `mode` is None); the states that came."""
+        """Command each cycle of that time (nothing if `mode` is None); return the received
+        states."""
         first = len(self.states)
         for _ in range(round(seconds / PERIOD_S)):
             if mode is not None:
@@ -122,7 +123,7 @@ def test_when_commands_stop_the_arm_brakes_and_holds(mode, drive):
     assert moved[-1].mode is ControlMode.HOLD
     assert np.abs(moved[-1].velocities).max() < 5e-3
     assert client.arm.counters.timeouts == 1
-    # A fresh command acts again.
+    # A new command acts again.
     client.send(mode, values)
     assert client.run(0.01)[-1].mode is mode
 
@@ -251,7 +252,7 @@ def test_fault_restart():
     assert client.arm.session == 1
     client.run(0.02)
     assert client.arm.session == 2
-    client.send(ControlMode.VELOCITY, SPEED, session=1)  # meant for the session before
+    client.send(ControlMode.VELOCITY, SPEED, session=1)  # for the previous session
     client.send(ControlMode.HOLD, session=0)
     state = client.run(0.01)[-1]
     assert (state.session, state.mode) == (2, ControlMode.HOLD)

@@ -1,4 +1,4 @@
-"""The simulated arm's physics, each against a figure worked out by other means."""
+"""Physics of the simulated arm, each property compared with an independent computation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def gofa(**options):
 
 
 def lift(**options):
-    """A mass of 2 kg on a vertical slide, TCP at its joint's height; rotor of 0.5 kg."""
+    """Return a mass of 2 kg on a vertical slide, TCP at its joint's height; rotor of 0.5 kg."""
     urdf = """<robot name="lift"><link name="base"/>
     <joint name="z" type="prismatic"><parent link="base"/><child link="mass"/>
       <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="2" effort="EFFORT"/></joint>
@@ -60,7 +60,7 @@ def test_under_velocity_control_the_arm_creeps_down_as_stated():
     before = np.array(plant.positions)
     rate = (run(plant, 2.0) - before) / 2.0
     stated = -plant.options.velocity_leak_1_s * gravity_torque(plant) / plant.stiffness
-    # Friction carries a little of the load.
+    # Friction carries a part of the load.
     assert rate[[1, 2]] == pytest.approx(stated[[1, 2]], rel=0.1)
     assert abs(stated[1]) > 5e-4
     assert plant.pose.position.z < height_m - 0.001
@@ -82,7 +82,7 @@ def test_a_virtual_reference_cures_the_sag_of_velocity_control():
     creep = plant.options.velocity_leak_1_s * np.abs(gravity_torque(plant)) / plant.stiffness
     left = np.abs(wanted - plant.positions)
     assert (left <= creep / 5.0 + 1e-9).all()
-    # Left to itself, velocity control would have lost more than ten times as much.
+    # Velocity control alone would have lost more than ten times as much.
     assert left.max() < 0.1 * creep.max() * 4.0
 
 
@@ -124,7 +124,7 @@ def test_torque_mode_keeps_energy():
 
 
 def pr2(side="left", **options):
-    """As far as its mechanical stops, 0.1 to 0.2 rad beyond the soft limits that it is used in."""
+    """Return an arm with its mechanical end stops, 0.1 to 0.2 rad beyond the soft limits."""
     arm = load_arm(f"pr2_{side}_arm")
     joints = (
         joint._replace(lower=joint.lower - 0.2, upper=joint.upper + 0.15) for joint in arm.joints
@@ -137,10 +137,10 @@ def test_springs_carry_what_their_joints_would(side):
     plant = pr2(side)
     run(plant, 0.5)
     weight = gravity_torque(plant)
-    assert abs(weight[1]) > 35.0  # of 30 N·m that the lift joint has
+    assert abs(weight[1]) > 35.0  # N·m, of which the lift joint can deliver 30
     assert np.abs(plant.torques).max() < 0.5
     assert np.abs(np.array(plant.positions) - plant.arm.home).max() < 1e-6
-    # With the wrist straight the springs carry all there is.
+    # With a straight wrist the springs carry the whole weight.
     straight = [*plant.arm.home[:4], 0.0, 0.0, 0.0]
     plant.set_state(straight)
     run(plant, 0.5)
@@ -148,7 +148,7 @@ def test_springs_carry_what_their_joints_would(side):
 
 
 def test_springs_carry_no_load():
-    """1 kg at the TCP is the drives'."""
+    """The drives carry 1 kg at the TCP."""
     bare, loaded = pr2(), pr2(payload_kg=1.0)
     for plant in (bare, loaded):
         run(plant, 0.5)
@@ -209,7 +209,8 @@ def test_an_arm_without_masses_gets_stated_ones():
     assert [body.mass for body in plant.model.inertias.tolist()[1:]] == [4.0, 4.0]
     assert plant.model.inertias[1].lever == pytest.approx((0.0, 0.0, 0.2))
     plant.set_state((math.pi / 2, 0.0))
-    # Both centers lie level, 0.2 m and 0.4 m from the first joint (the second body has no length).
+    # Both centers of mass are level, 0.2 m and 0.4 m from the first joint (the second body has no
+    # length).
     assert gravity_torque(plant)[0] == pytest.approx(-4.0 * 9.81 * (0.2 + 0.4))
 
 
@@ -237,7 +238,7 @@ def test_effort_is_limited():
     plant.command_torques((1000.0,))
     run(plant, 0.1)
     assert plant.velocities[0] == pytest.approx((30.0 - 2.0 * 9.81) / 2.5 * 0.1)
-    weak = lift(effort=15.0)  # less than its weight
+    weak = lift(effort=15.0)  # less than its weight needs
     weak.command_positions((0.5,))
     for _ in range(100):
         run(weak, 0.002)
@@ -267,7 +268,7 @@ def test_mode_changes_make_no_step_of_torque():
         command[mode]()
         plant.step()
         change = np.abs(np.array(plant.torques) - before)
-        # In one step no more than an acceleration at the joints' limits asks for.
+        # In one step at most the change by the joints' acceleration limits.
         assert (change < 0.05 * plant.damping + 0.05).all(), (mode, change)
         assert np.abs(np.array(plant.velocities) - speed).max() < 0.05
         run(plant, 0.1)
@@ -324,7 +325,7 @@ def test_at_rest_on_a_plane_the_force_is_the_weight_and_the_depth_weight_over_st
     plant.command_torques((0.0,))
     z = run(plant, 3.0)[0]
     assert z == pytest.approx(0.02 - 2.0 * 9.81 / 1e4, abs=1e-7)
-    # The force of the TCP on the world points down.
+    # The TCP's force on its environment points down.
     assert plant.wrench.force == pytest.approx((0.0, 0.0, -2.0 * 9.81), abs=1e-3)
     assert plant.wrench.torque == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
@@ -357,7 +358,7 @@ def test_an_arm_that_is_driven_into_a_plane_pushes_and_rubs():
             run(each, 0.002)
         force = plant.wrench.force
         assert math.hypot(force.x, force.y) <= 0.5 * -force.z + 1e-9
-    # Moving towards positive y, the TCP drags the world along.
+    # The TCP moves towards positive y, and drags the surface along.
     assert force.z < -20.0
     assert force.y > 1.0
     assert plant.pose.position.z > free.pose.position.z + 0.005
@@ -426,7 +427,7 @@ def test_bad_options_name_the_key():
 
 
 def quickest_s(act):
-    """The processor's time for it, alone."""
+    """Return the shortest processor time of a call, without other load."""
 
     def once_s():
         began_s = time.thread_time()
@@ -445,5 +446,5 @@ def test_a_step_costs_little_beside_its_dynamics():
         for _ in range(100):
             pin.aba(plant.model, data, nothing, nothing, nothing)
 
-    # 10 to 13 times as much where 0.5 ms, the time that it simulates, were 160 times as much.
+    # 10 to 13 times as long, where real time, 0.5 ms per step, would be 160 times as long.
     assert quickest_s(lambda: run(plant, 100 * plant.step_s)) < 80 * quickest_s(dynamics)

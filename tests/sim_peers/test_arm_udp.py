@@ -1,4 +1,4 @@
-"""The simulated arm's socket, over loopback."""
+"""Socket of the simulated arm, over loopback."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_client_is_served_and_another_is_not():
         states = [decode_state(link.recv(4096)) for _ in range(50)]
         numbers = [state.sequence for state in states]
         assert numbers == list(range(numbers[0], numbers[0] + 50))
-        # A cycle is late by less than a period, or left out: never sooner, however long this
+        # A cycle is late by less than a period, or left out, but never early, however long this
         # computer stands still.
         assert states[-1].stamp_s - states[0].stamp_s > 48 * 0.004
         other.send(HELLO)

@@ -1,4 +1,4 @@
-"""Scripts and fault switches: valid ones, and those that are refused with a reason."""
+"""Scripts and fault switches: valid ones, and invalid ones with the reason."""
 
 import contextlib
 import gc
@@ -127,7 +127,7 @@ def test_switches_of_a_kind_have_its_words_and_range():
 
 
 class Idle(SimulatedPeer):
-    """It serves nobody."""
+    """Peer without clients."""
 
     endpoint = "nowhere"
 

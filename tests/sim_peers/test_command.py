@@ -1,4 +1,4 @@
-"""Every simulated peer has its command, and the command offers the peer's options."""
+"""Each simulated peer has a command that offers the peer's options."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def flags(name: str) -> set[str]:
     return {flag for parameter in parameters for flag in parameter.opts}
 
 
-# -- those there are ------------------------------------------------------------------------------
+# -- registered peers -----------------------------------------------------------------------------
 
 
 def test_the_help_lists_every_peer_with_its_summary():
@@ -145,7 +145,7 @@ class Oven:
         (), "Where bread goes.", name="slot", read=lambda text: numbers(text, 2), repeatable=True
     )
     seed: int = 7
-    """Its own, which nobody can set."""
+    """Not settable on the command line."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The shell of simulated controllers that exchange datagrams: schedule, network, sockets."""
+"""Shell of simulated controllers that exchange datagrams: schedule, network, sockets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.matrix
 
 
 class Echo(DatagramPeer):
-    """Sends its cycle's number in each cycle, and keeps received datagrams."""
+    """Sends its cycle's number in each cycle, and records received datagrams."""
 
     def __init__(self, to: tuple[str, int], period_s: float = 0.002, **network) -> None:
         super().__init__(period_s, **network)

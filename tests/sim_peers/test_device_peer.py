@@ -1,4 +1,4 @@
-"""The shell that serves a device that moves in real time."""
+"""Shell that serves a device in real time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cardan.sim_peers.device_peer import STALL_S, DevicePeer, DevicePeerOptions
 
 
 class Clock:
-    """A monotonic clock that only waiting moves."""
+    """Monotonic clock that only waiting advances."""
 
     def __init__(self) -> None:
         self.now_s = 64.0
@@ -28,7 +28,7 @@ class Clock:
 
 
 class Waiting(selectors.SelectSelector):
-    """Waits on the clock; what is readable then is seen."""
+    """Waits on the clock; data that is readable then is read."""
 
     clock: Clock
 
@@ -40,7 +40,7 @@ class Waiting(selectors.SelectSelector):
 
 
 class Device:
-    """Sends something every 0.5 s, and follows its script."""
+    """Device that sends a report every 0.5 s, and follows its script."""
 
     def __init__(self, done) -> None:
         self.plugged = True
@@ -60,7 +60,7 @@ class Device:
 
 
 class Motion:
-    """Plugs and unplugs."""
+    """Device motion that plugs and unplugs."""
 
     def __init__(self, *steps) -> None:
         self._steps = list(steps)
@@ -75,7 +75,7 @@ class Motion:
 
 
 class Noting(DeviceBackend):
-    """Notes what it is told, with one thing to do at 64.75 s."""
+    """Backend that records its calls, and runs an action at 64.75 s."""
 
     endpoint = "nowhere"
     there = False

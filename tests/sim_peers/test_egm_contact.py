@@ -1,4 +1,4 @@
-"""A surface under the simulated GoFa's TCP: its forces, and how they are told and understood."""
+"""A surface under the simulated GoFa's TCP: forces, their messages, and the driver's decoding."""
 
 import math
 
@@ -15,14 +15,14 @@ from cardan.types import Frame, HoldCommand, PoseCommand, Vector3
 from tests.sim_peers.egm_pc import Pc
 
 DOWN_DEG = (0.0, 20.0, 30.0, 0.0, 40.0, 0.0)
-"""The tool points straight down, TCP 0.292 m above the base."""
+"""The tool points straight down, with the TCP 0.292 m above the base."""
 TABLE = ContactSurface(0.28, stiffness_n_m=1000.0, damping_n_s_m=20.0, friction=0.3)
 
 speeds = st.floats(-1.0, 1.0)
 
 
 def pressing(depth_m, **options):
-    """A PC that has pressed the TCP `depth_m` into TABLE and keeps it there."""
+    """Return a PC that has pressed the TCP `depth_m` into TABLE and holds it there."""
     pc = Pc(
         mode="pose",
         joints_deg=DOWN_DEG,
@@ -49,7 +49,7 @@ def test_a_surface_never_pulls_and_friction_is_coulombs(height_m, x, y, z):
     assert force.z <= 0.0
     along_n = math.hypot(force.x, force.y)
     assert along_n <= TABLE.friction * -force.z * (1.0 + 1e-9)
-    assert force.x * x + force.y * y >= 0.0  # what the pen exerts drags the sheet along
+    assert force.x * x + force.y * y >= 0.0  # the friction of the pen drags the sheet along
     if height_m >= 0.0:
         assert force == (0.0, 0.0, 0.0)
     if force.z < 0.0 and math.hypot(x, y) > 0.001:
@@ -84,7 +84,7 @@ def test_nothing_is_felt_above_the_surface():
 @pytest.mark.parametrize(
     ("frame", "sense", "sign"),
     [
-        # Pressing down: along the tool's z, against the base's.
+        # Pressed down: along the tool's z, against the base's.
         ("tool", "exerted", 1.0),
         ("base", "exerted", -1.0),
         ("tool", "reaction", -1.0),
@@ -121,7 +121,7 @@ def test_a_hard_press_is_a_collision():
     tcp = pc.core.tcp
     pc.run(2.0, pc.pose(tcp.position._replace(z=TABLE.height_m - 0.08), tcp.orientation))
     assert any("Motion supervision" in event.text for event in pc.core.events)
-    assert -pc.core.contact_force.z < 60.0  # it stopped there
+    assert -pc.core.contact_force.z < 60.0  # the arm stopped there
 
 
 def test_a_script_puts_a_surface_there_and_takes_it_away():

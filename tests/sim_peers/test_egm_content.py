@@ -1,4 +1,4 @@
-"""Fields that the simulated controller fills, release by release."""
+"""Fields that the simulated controller fills, by release."""
 
 from __future__ import annotations
 

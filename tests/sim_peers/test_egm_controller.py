@@ -95,7 +95,7 @@ def test_states_through_the_instructions():
     assert seen[6][0] is EgmState.DISCONNECTED
     running = [m for m in pc.received if m.mci_state == MCIState.RUNNING]
     assert len(running) == pytest.approx(0.9 / TS, abs=3)
-    # Streaming and the run that follows it are one session.
+    # Streaming and the following run belong to one session.
     assert [m.header.seqno for m in pc.received] == list(range(len(pc.received)))
 
 
@@ -173,7 +173,7 @@ def test_instructions_wait_for_a_programmed_move():
 def test_joint_guidance_reaches_its_target_at_the_gain_of_the_law():
     pc = Pc(mode="joint", default_lp_filter_hz=0.0, level=0, servo_delay_s=0.0, **QUIET)
     target = pc.joints(1, 0, 0, 0, 30, 0)
-    pc.step(target)  # the reply is taken one cycle later
+    pc.step(target)  # the reply is used one cycle later
     for _ in range(50):
         pc.step(target)
     assert math.degrees(pc.core.planned_joints_rad[0]) == pytest.approx(0.638791, abs=1e-6)
@@ -219,7 +219,7 @@ def test_pose_guidance_goes_straight_to_the_pose():
         gone = subtract(pc.core.tcp.position, start.position)
         along = sum(a * b for a, b in zip(gone, way, strict=True)) / norm(way) ** 2
         aside = norm(Vector3(*(g - along * w for g, w in zip(gone, way, strict=True))))
-        # Not a planned line: the law makes one, but joint limits may bend it a little.
+        # Not a planned line: the law results in one, but joint limits may bend it a little.
         assert aside < 2e-3
     assert norm(subtract(pc.core.tcp.position, goal)) < 1e-5
     assert norm(rotation_between(pc.core.tcp.orientation, turned)) < 1e-4
@@ -303,7 +303,7 @@ def test_ramp_in_holds_back_position_and_speed():
 
 
 # ---------------------------------------------------------------------------------------------
-# What stops it
+# Causes of stops
 
 
 def test_comm_timeout_with_a_speed_keeps_moving_until_then():
@@ -408,7 +408,7 @@ def test_max_pos_deviation():
     pc = Pc(mode="joint", script="teleop-once", max_pos_deviation_deg=5.0)
     pc.run(2.0, pc.joints(20, 0, 0, 0, 30, 0))
     assert "MaxPosDeviation" in pc.core.events[0].text
-    assert 5.0 < pc.joints_deg[0] < 8.0  # and the way to stop
+    assert 5.0 < pc.joints_deg[0] < 8.0  # plus the braking distance
 
 
 def test_a_jump_of_the_reference_is_a_dynamic_load():
@@ -453,7 +453,7 @@ def test_singularity_stops_and_only_a_jog_recovers():
         pc.step(pc.pose(start.position, multiply(turn, start.orientation)))
     assert pc.codes[:2] == [50026, 10125]
     pc.run(6.0, echo)
-    assert 10151 not in pc.codes  # the operator does not try before it is jogged away
+    assert 10151 not in pc.codes  # the operator retries only after jogging away
     pc.core.do("restart")
     pc.run(0.5, echo)
     assert pc.core.state is EgmState.CONNECTED
@@ -759,9 +759,9 @@ def test_datagrams_left_in_the_queue_act_in_the_next_run():
     before = pc.core.counters.accepted
     pc.send(marked(pc, 300))
     pc.run(0.5)
-    # The answer to the last datagram of the first run waits there as well.
+    # The answer to the last datagram of the first run is queued as well.
     assert pc.core.counters.accepted == before + 2
-    # A new connection of the device begins with an empty queue.
+    # A new connection of the device starts with an empty queue.
     pc = Pc(mode="joint", steps=text.replace("1 run cond-time=1e6", "1 restart"))
     pc.run(0.6, pc.joints(*START_DEG))
     before = pc.core.counters.accepted
@@ -819,7 +819,7 @@ def test_path_correction_runs_the_path_and_refuses_guidance():
     assert pc.core.counters.ignored["guidance in path correction mode"] == len(pc.received) - 1
     assert pc.core.tcp.position.y == pytest.approx(0.12, abs=0.01)
     pc.run(3.0)
-    assert pc.core.tcp.position.y == pytest.approx(0.16, abs=0.02)  # on the way back
+    assert pc.core.tcp.position.y == pytest.approx(0.16, abs=0.02)  # on the return
     assert norm(rotation_between(start.orientation, pc.core.tcp.orientation)) < 1e-6
     assert pc.core.events == []
 

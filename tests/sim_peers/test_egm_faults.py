@@ -1,4 +1,4 @@
-"""Each fault switch of the simulated controller."""
+"""Fault switches of the simulated controller."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_pause():
     assert [round(g, 1) for g in gaps if g > 2 * TS] == [0.3, 0.3]
     assert pc.core.events == []
     assert [m.header.seqno for m in pc.received] == list(range(len(pc.received)))
-    # A pause longer than CommTimeout is one.
+    # A pause longer than CommTimeout counts.
     pc = Pc(mode="joint", faults={"pause": 0.3}, comm_timeout_s=0.2)
     pc.run(5.5, echo)
     assert pc.codes[0] == 41822

@@ -1,4 +1,4 @@
-"""The control law in numbers, the servos' limits, and the arm's geometry."""
+"""Control law in numbers, limits of the servos, and geometry of the arm."""
 
 import math
 import random
@@ -24,7 +24,7 @@ def servo(arm=UNLIMITED, delay_s=0.0, start=(0.0,) * 6):
 
 
 def follow(cycles, gain, filter_hz=None, cap_deg_s=math.inf, reference=lambda t: 1.0, feed=0.0):
-    """Axis 1 in degrees after `cycles` of the law."""
+    """Return axis 1 in degrees after `cycles` of the law."""
     law = ControlLaw(gain, filter_hz, TS)
     arm = servo()
     for n in range(cycles):

@@ -28,17 +28,17 @@ pytestmark = pytest.mark.matrix
 PROGRAM = Path(__file__).with_name("egm_public_client.py")
 AT_MOST_S = 30.0
 SILENT_S = 2.0
-"""Virtual time of a controller after its client's last words."""
+"""Virtual time of a controller after its client's last message."""
 
 both = pytest.mark.parametrize("library", ["ABBRobotEGM", "abb-robot-client"])
 
 
 class InStep:
-    """The clock and the select() of a controller whose time stands still until its client has
-    answered what it was sent, as no real controller's does: a client that is late moves nothing.
+    """Clock and select() of a controller whose time stands still until its client has answered,
+    unlike a real one's: a late client changes nothing.
 
-    After the client's last answer, when only `answers` are expected, time goes on by itself for
-    `SILENT_S`; then the client is told that nothing more comes.
+    After the client's last answer, when only `answers` are expected, time advances by itself for
+    `SILENT_S`; then the client's input ends.
     """
 
     def __init__(self, process: subprocess.Popen[str], answers: float) -> None:
@@ -73,7 +73,8 @@ def drive(
     answers: float = math.inf,
     **options: Any,
 ) -> tuple[dict[str, Any], EgmControllerPeer]:
-    """Serve a controller while the client's program runs; what it saw, and the controller."""
+    """Serve a controller while the client's program runs; return the client's output and the
+    controller."""
     with subprocess.Popen(
         [sys.executable, str(PROGRAM), library, scenario],
         stdin=subprocess.PIPE,
@@ -178,6 +179,6 @@ def test_a_client_that_goes_silent_meets_its_comm_timeout(monkeypatch):
         comm_timeout_s=0.1,
     )  # fmt: skip
     assert not saw["last"]["rapid_running"]
-    # CommTimeout, then the ramp time, at 4.032 ms each.
+    # CommTimeout plus the ramp time, at 4.032 ms per cycle.
     assert 21 + 0.5 / 0.004032 < saw["count"] < 21 + 0.75 / 0.004032
     assert [event.code for event in peer.core.events] == [41822, 10125]

@@ -1,4 +1,4 @@
-"""The simulated controller's socket, over loopback."""
+"""Socket of the simulated controller, over loopback."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def pc_socket():
 
 @contextmanager
 def serving(**options):
-    """A served peer; it steps in a thread of its own."""
+    """Serve a peer in a thread."""
     peer = EgmControllerPeer(EgmControllerOptions(**options))
     with in_a_thread(peer):
         yield peer
 
 
 def converse(pc, count, answer=True):
-    """(message, source) of `count` datagrams, each answered at once."""
+    """Answer `count` datagrams at once; return (message, source) of each."""
     got = []
     while len(got) < count:
         data, source = pc.recvfrom(2048)
@@ -63,7 +63,7 @@ def test_answers_are_taken_and_the_schedule_holds():
         messages = [m for m, _ in got]
         seqnos = [m.header.seqno for m in messages]
         assert seqnos == list(range(100))
-        # The schedule is absolute: 149 periods, however late single cycles were.
+        # The schedule is absolute: 149 periods, even if single cycles are late.
         span_s = (messages[-1].feed_back.time_us - messages[0].feed_back.time_us) * 1e-6
         cycles = span_s / TS
         assert cycles == pytest.approx(round(cycles), abs=0.01)
@@ -100,7 +100,8 @@ def test_nobody_listens_at_first():
 
 
 def test_a_restarted_controller_has_a_new_port():
-    """Each 0.2 s of its own time, however many datagrams a busy computer lets it send in them."""
+    """A new port after each 0.2 s of its own time, however many datagrams a busy computer sends in
+    it."""
     faults = {"port-change": 0.2}
     with (
         pc_socket() as pc,
@@ -109,7 +110,7 @@ def test_a_restarted_controller_has_a_new_port():
         got = converse(pc, 120)
     ports = {}
     for message, source in got:
-        if message.header.tm_ms % 200:  # The one at the change is rounded to it, from either side.
+        if message.header.tm_ms % 200:  # At the change the rounded time fits both ports.
             ports.setdefault(message.header.tm_ms // 200, set()).add(source[1])
     assert len(ports) >= 3
     assert all(len(each) == 1 for each in ports.values())
@@ -132,7 +133,7 @@ def test_a_bad_network_both_ways():
 
 
 def test_an_address_that_cannot_be():
-    host = "a" * 70  # longer than a label may be: refused without asking any server
+    host = "a" * 70  # longer than a DNS label: refused without a query
     peer = EgmControllerPeer(EgmControllerOptions(pc_host=host))
     with pytest.raises(AddressError, match="cannot send to a"):
         peer.open()

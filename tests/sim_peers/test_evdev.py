@@ -1,4 +1,4 @@
-"""The simulated pad and keyboard in virtual time, and their backends."""
+"""Simulated gamepad and keyboard in virtual time, and their backends."""
 
 import errno
 import fcntl
@@ -232,7 +232,7 @@ LONG_LATER = [
     for name in ("demo", "strokes")
     if model != "xbox-360"
 ]
-"""In the matrix: the long scripts with the other models."""
+"""Cases of the matrix: the long scripts with the other models."""
 
 
 @pytest.mark.matrix(*LONG_LATER)
@@ -377,7 +377,7 @@ def test_grabbed_events_reach_one_client_alone(tmp_path):
 
 @pytest.fixture
 def fake_uinput(tmp_path, monkeypatch):
-    """A FIFO for /dev/uinput; what was asked of it."""
+    """Replace /dev/uinput by a FIFO; return the requests to it."""
     (tmp_path / "dev").mkdir()
     os.mkfifo(tmp_path / "dev/uinput")
     (tmp_path / "sys/devices/virtual/input/input9/event5").mkdir(parents=True)
@@ -417,7 +417,7 @@ def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
         assert setup[8:].startswith(b"Microsoft X-Box 360 pad\0")
 
         def kernel_says(*events):
-            """Send events to the maker of the device, as the kernel would."""
+            """Send events to the creator of the device, like the kernel."""
             fd = os.open(root / "dev/uinput", os.O_RDWR | os.O_NONBLOCK)
             os.write(
                 fd,

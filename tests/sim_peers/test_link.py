@@ -16,7 +16,8 @@ def test_every_switch_of_the_network_and_garbage_want_a_link():
 
 
 def through(faults, count=2000, seed=5, garbage=False):
-    """(time, number) of datagrams sent one a cycle through a faulty link."""
+    """Send a datagram per cycle through a faulty link; return (time, number) of the delivered
+    ones."""
     link = FaultyLink(faults, seed, garbage)
     arrived = []
     for n in range(count + 100):

@@ -1,4 +1,4 @@
-"""The motion of a vector in time."""
+"""Motion profile of a vector over time."""
 
 from __future__ import annotations
 

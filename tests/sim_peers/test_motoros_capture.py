@@ -1,7 +1,7 @@
 """The simulated controller against a capture of a real one, a big-endian controller of 2015.
 
-The client's messages are taken from the capture, which lies beside the repository; the numbers
-here were taken from it too, and are enough for the most of it where the capture is not there.
+The client's messages come from the capture, which is stored outside of the repository. The numbers
+here come from it, too, and suffice for most tests without it.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from tests import captures
 
 MOTION, STATE = 50240, 50241
 RETRY_S = 0.0054
-"""The client sent the next message, or the same again, so long after the one before; the median."""
+"""Median time from a message to the client's next message or repetition."""
 AFTER_START_S = 0.02
-"""From the reply to START_TRAJ_MODE to the first point."""
+"""Time from the reply to START_TRAJ_MODE to the first point."""
 TIMES_S = (
     0.0,
     0.218131,
@@ -51,7 +51,7 @@ TIMES_S = (
     0.919548,
 )
 BUSY = (0, 0, 0, 0, 0, 4, 8, 9, 12, 15)
-"""How often each point was refused."""
+"""Number of refusals of each point."""
 WIRE = WireFormat(ByteOrder.BIG)
 
 
@@ -59,17 +59,17 @@ class Real(NamedTuple):
     """Contents of the capture. Times in s."""
 
     points: list[bytes]
-    """Each once, as sent."""
+    """Points, each once, as sent."""
     requests: list[bytes]
-    """The two before the points."""
+    """The two requests before the points."""
     answers: list[tuple[int, int]]
-    """Sequence and result of the reply to each point sent."""
+    """Sequence and result of the reply to each sent point."""
     waits_s: list[float]
-    """From each point sent to the next."""
+    """Times from each sent point to the next one."""
     accepted_s: list[float]
-    """When each point was accepted, since the first was."""
+    """Times at which points were accepted, from the first one on."""
     states: list[tuple[float, int]]
-    """When each state message came, and its type."""
+    """Time and type of each state message."""
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def real():
 
 @pytest.fixture(scope="module")
 def reported():
-    """The captured client without the capture: its times, on a way of our own."""
+    """Return the captured client without the capture: its times, on a path of our own."""
     way = [time_s / TIMES_S[-1] for time_s in TIMES_S]
     points = [
         JointTrajPtFull(
@@ -126,12 +126,13 @@ def reported():
 
 @pytest.fixture(scope="module", params=["real", "reported"])
 def client(request):
-    """The captured client, and what is left of it where the capture is not."""
+    """Provide the captured client; without the capture, its substitute."""
     return request.getfixturevalue(request.param)
 
 
 def captured_controller(real, **changes):
-    """Set up as the captured one was: FS100, IPC 2 ms, firmware without speed feedback.
+    """Return a controller configured like the captured one: FS100, IPC 2 ms, firmware without speed
+    feedback.
 
     Its arm had seven axes; a GP8 moves the first six of them.
     """
@@ -155,8 +156,8 @@ def captured_controller(real, **changes):
 class Replay:
     """The captured client in virtual time.
 
-    `waits_s` are the times from each point sent to the next; after them it is RETRY_S. The client
-    comes `offset_s` after the controller's clock began.
+    `waits_s` are the times from each sent point to the next one; then RETRY_S applies. The client
+    starts `offset_s` after the controller's clock.
     """
 
     def __init__(self, real, waits_s=(), offset_s=0.0, **changes):
@@ -183,7 +184,7 @@ class Replay:
             retained.append((self.now_s, WIRE.decode(data)))
 
     def ask(self, data, until_s=1.0):
-        """Send a request; return the time its reply took in the servers, and the reply."""
+        """Send a request; return the reply's time in the servers, and the reply."""
         sent_s = self.now_s
         self.servers.data(self.motion, data, sent_s)
         self.poll()
@@ -194,7 +195,7 @@ class Replay:
         return came_s - sent_s, message
 
     def move(self):
-        """As the captured client did: ask, start, send the points."""
+        """Repeat the captured sequence: requests, start, points."""
         took_s = [self.ask(data)[0] for data in self.real.requests]
         self.run(self.now_s + AFTER_START_S)
         for data in self.real.points:
@@ -247,7 +248,7 @@ def test_points_are_accepted_and_refused_as_by_the_real_controller(real):
 
 @pytest.mark.parametrize("offset_ms", [0.0, 0.3, 0.9, 1.4, 1.9])
 def test_a_client_with_a_steady_retry_sees_the_same(client, offset_ms):
-    """Wherever it stands to the controller's clock."""
+    """The phase between its retries and the controller's clock is arbitrary."""
     replay = Replay(client, offset_s=offset_ms * 1e-3)
     replay.move()
     assert results(replay.answers, MotionResult.SUCCESS) == 10
@@ -293,7 +294,7 @@ def test_states_come_as_from_the_real_controller(real):
 
 
 def test_over_tcp_replies_come_within_a_state_period_and_the_move_is_made(client, monkeypatch):
-    """By a clock that only being read moves."""
+    """Each read of the clock advances it."""
     clock = itertools.count(500.0, 1e-4)
     monkeypatch.setattr(
         "cardan.sim_peers.tcp_peer.time", SimpleNamespace(monotonic=lambda: next(clock))

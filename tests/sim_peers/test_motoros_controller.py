@@ -1,4 +1,4 @@
-"""The robot inside the simulated Motoman controller: messages and hands, in virtual time."""
+"""Robot in the simulated Motoman controller: messages and operator actions, in virtual time."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def point_message(sequence, time_s, joints, speeds=(), group=0, fields=7):
 
 
 class Cell:
-    """A controller with a client on its motion port, and virtual time."""
+    """Controller with a client on its motion port, in virtual time."""
 
     def __init__(self, **options):
         options.setdefault("servo_on", True)
@@ -73,7 +73,7 @@ class Cell:
             self.it.advance(self.now_s)
 
     def ask(self, message):
-        """The answer, after as long as it takes; None when there is none."""
+        """Return the reply after its delay; None if there is none."""
         self.it.motion(message, self.now_s)
         while self.it.blocked:
             self.run(0.001)
@@ -118,7 +118,7 @@ class Cell:
             self.run(0.02)
 
     def move(self, seconds=0.4, way=0.05):
-        """A trajectory of the first axis; every point is taken."""
+        """Move the first axis by a trajectory; assert that every point is accepted."""
         assert self.point(0, 0.0, self.it.command_rad(0)).result == SUCCESS
         goal = np.array(self.it.command_rad(0))
         goal[0] += way
@@ -160,7 +160,7 @@ def test_starting_takes_its_time_and_blocks(cell):
     cell.run(0.015)
     assert not cell.it.blocked
     assert cell.it.replies[0].body.result == SUCCESS
-    # Already ready: at once.
+    # If already ready: at once.
     before_s = cell.now_s
     cell.it.replies.clear()
     cell.start()
@@ -168,7 +168,7 @@ def test_starting_takes_its_time_and_blocks(cell):
 
 
 def test_motion_is_possible_a_good_while_before_starting_is_answered(cell):
-    """As captured: not at 60 ms, but at 85 ms, and the answer came at 110 ms."""
+    """In the capture: not after 60 ms, but after 85 ms; the reply came after 110 ms."""
     cell.it.motion(request(MotionCtrl(0, 1, MotionCommand.START_TRAJ_MODE)), cell.now_s)
     cell.run(0.07)
     assert cell.it.status().motion_possible == 0
@@ -407,9 +407,9 @@ def test_points_are_refused_in_this_order(cell):
 
 @pytest.mark.parametrize("groups", [1, 2])
 def test_a_client_that_ignores_a_refused_point_0_makes_the_arm_jump(groups):
-    """3011 is not harmless: MotionServer.c has taken the point over by then."""
+    """3011 is not harmless: by then MotionServer.c has stored the point."""
     cell = Cell(groups=groups).start()
-    away = [q + 0.005 for q in HOME]  # as far as an axis may go in one IPC
+    away = [q + 0.005 for q in HOME]  # an axis may move this far in one IPC
     if groups == 1:
         assert cell.point(0, 0.0, away)[3:5] == (INVALID, 3011)
         assert cell.point(1, 0.4005, away).result == SUCCESS
@@ -520,7 +520,7 @@ def test_points_for_several_groups_are_all_or_nothing():
     cell.run(0.3)
     for group in (0, 1):
         assert cell.it.command_rad(group)[0] - HOME[0] == pytest.approx(0.01, abs=1e-4)
-    # The 4 h are not checked here, the group is.
+    # The check concerns the group, not the 4 h.
     assert cell.ask(ex(0, (0, 20000.0, moved))).body.result == SUCCESS
     assert cell.ask(ex(0, (0, 0.0, moved), (2, 0.0, moved))).body[3:5] == (INVALID, 3004)
 
@@ -588,7 +588,7 @@ STOPS = {
 
 
 def restored(cell):
-    """Everything an operator can do for motion but starting it."""
+    """Do all operator actions that motion needs, except its start."""
     it, t = cell.it, cell.now_s
     it.release_emergency_stop(t)
     it.reset_alarm(t)
@@ -699,7 +699,7 @@ def test_a_client_that_is_replaced_takes_its_waiting_request_along():
 
 @pytest.mark.parametrize("after_s", [0.1, 1.05])
 def test_a_request_dies_with_its_connection(after_s):
-    """While the servos come on, and while the job starts."""
+    """Also while the servos switch on, and while the job starts."""
     cell = Cell(servo_on=False)
     cell.it.motion(request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)), cell.now_s)
     cell.run(after_s)
@@ -720,7 +720,7 @@ def test_a_client_that_comes_finds_the_velocity_mode_off(cell):
     assert cell.it.active_mode == ActiveMode.TRAJECTORY
     cell.it.connected(cell.now_s)
     cell.start_velocity()
-    # Nobody has said that the client before has gone.
+    # No event has reported the end of the previous client.
     cell.it.connected(cell.now_s)
     assert cell.it.active_mode == ActiveMode.TRAJECTORY
     assert cell.velocity(0.1)[3:5] == (NOT_READY, 5040)
@@ -896,7 +896,7 @@ def test_starting_again_at_rest_disarms_the_stream(cell):
 
 
 def test_checks_come_in_their_order():
-    """Each command is wrong in all that is checked later, too."""
+    """Each command also fails all later checks."""
     nan = joints10((math.nan,))
 
     def verdict(cell, sequence, *commands):
@@ -1103,7 +1103,7 @@ def test_two_groups_start_in_the_same_period():
     assert cell.ask(request(JointVelocityEx(0, ()))).body.result == INVALID
     cell.run(IPC_S + 0.001)
     assert all(cell.it.velocity_rad_s(group)[0] > 0.0 for group in (0, 1))
-    # Group 1 hears nothing more: both stop.
+    # Group 1 gets no more commands: both stop.
     for sequence in range(1, 8):
         cell.velocity(0.1, sequence=sequence)
         cell.run(0.02)
@@ -1158,7 +1158,7 @@ def test_a_reply_for_several_groups_tells_of_all_of_them():
     assert answer[:5] == (1, 3, 2041, SUCCESS, 0)
     speed, acceleration, position, age_ms, overwritten = answer.data[:5]
     assert (speed, acceleration, position, overwritten) == (3.0, 3.0, 0.0, 3.0)
-    assert age_ms == pytest.approx(2.0)  # group 0's is 1 ms
+    assert age_ms == pytest.approx(2.0)  # that of group 0 is 1 ms
     assert cell.ask(request(both(4, (0.0,), (0.0,)))).body.data[0] == 0.0
 
 

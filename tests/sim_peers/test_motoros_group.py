@@ -1,4 +1,4 @@
-"""From points to increments: one control group of the simulated Motoman controller."""
+"""Conversion of points to increments in one control group of the simulated Motoman controller."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def single(value):
 
 
 def play(it, resend=True, share=None, ticks=100_000):
-    """Run IPCs until nothing is left; the increments of each."""
+    """Run IPCs until the queue is empty; return the increments of each."""
     rows = []
     for _ in range(ticks):
         wanted = it.take(resend)
@@ -70,7 +70,7 @@ def test_point_0_must_be_within_30_pulses_of_the_command():
         ((0.01, 0.0), (0.0, 0.0), InvalidSubcode.DATA_START_POS),
         ((0.01, 0.0), (99.0, 0.0), InvalidSubcode.DATA_START_POS),
         ((0.0, 0.0), (99.0, 0.0), InvalidSubcode.DATA_SPEED),
-        # The axes are checked one after the other: the first one's speed before the second's start.
+        # The axes are checked in sequence: the first one's speed before the second one's start.
         ((0.0, 0.01), (99.0, 0.0), InvalidSubcode.DATA_SPEED),
         ((0.01, 0.0), (0.0, 99.0), InvalidSubcode.DATA_START_POS),
         ((0.0, 0.01), (0.0, 99.0), InvalidSubcode.DATA_START_POS),
@@ -105,7 +105,7 @@ def test_a_refused_speed_of_point_0_is_kept():
 
 
 def converting():
-    """The filler waits for room in the queue."""
+    """Return a group whose filler waits for space in the queue."""
     it = group(queue=50)
     it.begin(0.0, (0.0, 0.0), (0.0, 0.0))
     it.add(0.4005, (0.1, 0.0), (0.0, 0.0))
@@ -116,7 +116,7 @@ def converting():
 
 @pytest.mark.parametrize("away", [0.0, 1.0])
 def test_point_0_while_a_point_is_converted_changes_nothing_of_that(away):
-    """The sample that waits is counted already, and sets the pulses of the one before anew."""
+    """The waiting sample is already counted, and sets the pulses of the previous one again."""
     it, other = converting(), converting()
     it.begin(0.0, (away, 0.0), (0.0, 0.0))
     assert play(it) == play(other)
@@ -187,7 +187,7 @@ def test_a_point_that_is_not_later_does_nothing(time_s):
     it.fill(True)
     assert not it.has_data
     assert not it.queue
-    # The start of the next segment is where it was.
+    # The start of the next segment is unchanged.
     it.add(0.9, (0.2, 0.0), (0.0, 0.0))
     it.fill(True)
     assert len(it.queue) == 100
@@ -203,7 +203,7 @@ def test_a_partial_step_is_completed_by_the_next_segment():
         it.fill(True)
     assert [time_ms for time_ms, _ in it.queue] == [4, 8, 10, 12, 16, 20]
     rows = play(it)
-    # 8 to 10 and 10 to 12 belong to one period.
+    # 8 to 10 and 10 to 12 belong to the same period.
     assert len(rows) == 5
 
 
@@ -241,7 +241,7 @@ def test_a_steady_trajectory_takes_its_own_time(way):
     time_ms = 0
     for step_ms, *_ in way:
         time_ms += step_ms
-        # A ramp: no axis stands still, so that each period can be told.
+        # Ramps move every axis in every period, so that periods can be counted.
         it.add(single(time_ms / 1000 + 0.0005), (0.5 * time_ms / 1000, 0.0), (0.5, 0.0))
         it.fill(True)
     rows = play(it)

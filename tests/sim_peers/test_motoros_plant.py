@@ -12,7 +12,7 @@ IPC_S = 0.004
 
 
 def follow(model, commands, ipc_s=IPC_S):
-    """The measured pulses of one axis for these commands, IPC by IPC."""
+    """Return the measured pulses of one axis for these commands, IPC by IPC."""
     plant = Plant(model, ipc_s, [commands[0]])
     found = []
     for command in commands:

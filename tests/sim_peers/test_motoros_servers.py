@@ -1,4 +1,4 @@
-"""The simulated controller's servers, with clients in virtual time."""
+"""Servers of the simulated controller, with clients in virtual time."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ T = MessageType
 
 
 class World:
-    """The servers and their clients; time goes on in `run` only."""
+    """Servers and their clients; only `run` advances time."""
 
     def __init__(self, **options):
         self.options = MotorosControllerOptions(**{"servo_on": True, **options})
@@ -71,7 +71,7 @@ class World:
         return number
 
     def send(self, number, *messages):
-        """Each message with a send() of its own."""
+        """Send each message by its own send()."""
         for message in messages:
             self.raw(number, self.wire.encode(message))
 
@@ -80,7 +80,7 @@ class World:
         self.poll()
 
     def ask(self, number, message):
-        """The only answer, as it comes at once."""
+        """Return the only, immediate reply."""
         self.send(number, message)
         (answer,) = self.take(number)
         return answer
@@ -102,7 +102,7 @@ class World:
             self.poll()
 
     def take(self, number):
-        """The messages that came, each in a piece of its own."""
+        """Return the messages that arrived, each in a separate piece."""
         pieces, self.came[number] = self.came[number], []
         return [self.wire.decode(data) for _, data in pieces]
 
@@ -117,7 +117,7 @@ class World:
         return any(text in event for _, event in self.servers.events)
 
     def point(self, sequence, time_s, change=(), velocity=()):
-        """A point at the start position, moved by `change` (rad)."""
+        """Return a point at the start position, moved by `change` (rad)."""
         start = self.controller.command_rad(0)
         change = (*change, *[0.0] * (len(start) - len(change)))
         position = [a + b for a, b in zip(start, change, strict=True)]
@@ -127,7 +127,7 @@ class World:
         return request(body)
 
     def start_moving(self, motion):
-        """Trajectory mode, and half a second in the queue."""
+        """Start trajectory mode, and queue half a second of motion."""
         self.send(motion, START)
         self.run(0.2)
         first = self.point(0, 0.0)
@@ -146,7 +146,7 @@ def world():
 
 @pytest.fixture
 def motion(world):
-    """A client of the motion port."""
+    """Connect a client to the motion port."""
     return world.connect("motion")
 
 
@@ -191,7 +191,7 @@ def test_a_newer_motion_client_is_refused_while_the_arm_moves(world):
 
 @pytest.mark.parametrize("end", ["fin", "rst", "cut"])
 def test_nobody_comes_while_the_velocity_mode_ramps_down(end):
-    """Not even when the place is free again: the ramp takes longer than the 50 ms after a FIN."""
+    """The ramp takes longer than the 50 ms after a FIN, when the connection becomes free again."""
     world = World(acceleration_limits=(2.0,) * 6, faults={"cut": 1.5} if end == "cut" else {})
     motion = world.connect("motion")
     world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
@@ -226,7 +226,7 @@ def test_a_client_that_is_reset_while_it_starts_the_velocity_mode_leaves_it_off(
 
 
 def test_a_client_that_closes_while_it_starts_the_velocity_mode_leaves_it_off():
-    """Its requests are served to their end: a busy server sees a FIN only then."""
+    """All its requests are executed: a busy server sees a FIN only then."""
     world = World(servo_on=False)
     motion = world.connect("motion")
     world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
@@ -476,7 +476,7 @@ def test_velocity_commands_stream_and_keep_others_out(world):
     world.run(0.2)
     assert [each.body.result for each in world.take(motion)] == [0]
     for sequence in range(50):
-        # Two in one segment: the newer counts.
+        # Two in one segment: the newer one counts.
         pair = (velocity(2 * sequence, -0.3), velocity(2 * sequence + 1, 0.2))
         world.raw(motion, b"".join(map(world.wire.encode, pair)))
         world.run(0.01)
@@ -791,12 +791,12 @@ def test_a_speed_limit_of_the_safety_unit_stretches_the_trajectory():
     motion = world.connect("motion")
     world.start_moving(motion)
     world.run(0.5)
-    # Without a limit, 0.075 rad/s.
+    # 0.075 rad/s without a limit.
     assert world.controller.velocity_rad_s(0)[0] == pytest.approx(
         0.008 * world.options.axis_speeds[0], rel=0.05
     )
     world.run(0.5)
-    assert world.controller.moving_data  # for longer than the second of the trajectory
+    assert world.controller.moving_data  # longer than the second that the trajectory takes
     world.run(1.0)
     assert not world.controller.moving_data
     assert world.controller.command_rad(0)[0] == pytest.approx(
@@ -813,7 +813,7 @@ def test_names_of_faults_are_unique_and_all_can_be_set():
     assert world.servers.silent
 
 
-# -- anything at all ------------------------------------------------------------------------------
+# -- arbitrary input ------------------------------------------------------------------------------
 
 VALID = [
     PING,

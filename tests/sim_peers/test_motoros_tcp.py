@@ -1,4 +1,4 @@
-"""The simulated controller's sockets, over loopback."""
+"""Sockets of the simulated controller, over loopback."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ START = request(MotionCtrl(0, 2, MotionCommand.START_TRAJ_MODE))
 
 
 class Client:
-    """A blocking client of one port, with a deadline on everything."""
+    """Blocking client of one port, with a deadline for every operation."""
 
     def __init__(self, port, byte_order=ByteOrder.LITTLE, host="127.0.0.1"):
         self.link = socket.create_connection((host, port), timeout=WITHIN_S)
@@ -59,7 +59,7 @@ class Client:
         self.link.sendall(self.wire.encode(message))
 
     def next(self):
-        """The next message; None when the other side has closed."""
+        """Return the next message; None if the other side has closed."""
         while (frame := self.reader.take()) is None:
             data = self.link.recv(4096)
             if not data:
@@ -156,7 +156,7 @@ def test_a_silent_controller_keeps_its_sockets_open():
         state.link.settimeout(1.0)
         with pytest.raises(TimeoutError):
             listen()
-        # The kernel still takes connections, nobody answers on them.
+        # The kernel still accepts connections, but no reply comes.
         with Client(peer.motion_port) as motion:
             motion.link.settimeout(0.2)
             with pytest.raises(TimeoutError):

@@ -1,4 +1,4 @@
-"""The law of the velocity mode, for all commands."""
+"""Control law of the velocity mode, for arbitrary commands."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_speed_limit_slows_all_axes_alike(before, share, targets):
             for axis in range(3):
                 most = share * SPEED[axis]
                 assert abs(it.velocity[axis]) <= most + TINY
-                # Up to a pulse more, for the fraction that was carried.
+                # Up to one pulse more, from the carried fraction.
                 assert abs(increments[axis]) <= most * IPC_S * PER_RAD[axis] + 1.0 + TINY
 
 

@@ -1,4 +1,4 @@
-"""The simulated network delays each direction, keeps the order, and passes the end on."""
+"""Simulated network: it delays each direction, keeps the order, and forwards the end."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_jitter_delays_within_its_bound_and_keeps_the_order():
 
 def test_a_burst_holds_everything_back_until_its_end():
     way = DelayedStream(SimulatedNetworkOptions(delay_ms=0.0, faults={"burst": 0.5}), 1)
-    way.carry(b"x", 0.6)  # The second span is from 0.5 to 1 s.
+    way.carry(b"x", 0.6)  # The second interval is from 0.5 to 1 s.
     assert way.arrived(0.99) == []
     assert way.arrived(1.0) == [b"x"]
 
@@ -57,7 +57,7 @@ def server():
 
 @contextlib.contextmanager
 def joined(server, **options):
-    """Both ends of a connection through the peer."""
+    """Return both ends of a connection through the peer."""
     port = server.getsockname()[1]
     with SimulatedNetworkPeer(SimulatedNetworkOptions(port=0, to_port=port, **options)) as peer:
         host, _, own = peer.endpoint.rpartition(":")

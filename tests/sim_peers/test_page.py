@@ -1,4 +1,4 @@
-"""The simulated peer that the page on adding one shows."""
+"""Simulated peer in the documentation page on adding one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.waiting import WITHIN_S
 
 @pytest.fixture
 def page(monkeypatch):
-    """The module that the page shows."""
+    """Import the module that the page shows."""
     (code,) = (b for b in blocks(text("adding-a-driver.md"), "python") if "DevicePeer" in b)
     module = types.ModuleType("simulated_joystick")
     monkeypatch.setitem(sys.modules, module.__name__, module)

@@ -1,4 +1,4 @@
-"""A simulated device that reports all the time, in virtual time."""
+"""A simulated device that reports continuously, in virtual time."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from cardan.errors import ScriptError
 from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
 
-PERIOD_S = 0.25  # exact in binary: times add up without a remainder
+PERIOD_S = 0.25  # exact in binary, so that sums have no remainder
 
 
 class Counter(PeriodicDevice[int]):

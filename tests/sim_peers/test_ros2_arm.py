@@ -1,4 +1,4 @@
-"""The simulated ROS 2 arm in virtual time, and on the bus."""
+"""Simulated ROS 2 arm in virtual time, and on the bus."""
 
 import threading
 import time
@@ -241,7 +241,7 @@ def test_a_wait_ends_in_time_and_at_once_when_woken(free_tcp_port):
         text = codec_of("std_msgs/msg/String")
         for word in "abc":
             publisher.put(text.encode({"data": word}), 1)
-        # The newest two are kept.
+        # The queue keeps the newest two.
         assert text.decode(waiting.wait(WITHIN_S).data)["data"] == "b"
         assert waiting.poll().attachment.sequence == 3
 

@@ -1,4 +1,4 @@
-"""The words of a script's step, and steps as actions in time."""
+"""Words of a script's step, and steps as timed actions."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ def test_enterprise_sends_bits_arrays_of_keys_and_long_presses() -> None:
     device = make("spacemouse-enterprise")
     device.press("1")
     device.press("right")
-    device.press("v1")  # of which report 3 has no bit
+    device.press("v1")  # no bit in report 3
     reports = run(device, 5.0)
     assert [report.hex() for _, report in reports] == [
         "0300100000",
@@ -180,7 +180,7 @@ def test_enterprise_sends_bits_arrays_of_keys_and_long_presses() -> None:
 
 @pytest.mark.judged(device="SpaceMouse", transport="HID reports", by="PySpaceMouse")
 def test_pyspacemouse_sees_the_keys_of_the_enterprise() -> None:
-    """It reads report 3 only, and says that those keys are all it found there."""
+    """It reads report 3 only, and reports those keys as the only ones."""
     spec = pyspacemouse.get_device_specs()["SpaceMouseEnterprise"]
     other = SpaceMouseDevice(spec)
     device = make("spacemouse-enterprise")

@@ -1,4 +1,4 @@
-"""Every fault of the simulated SpaceMouse, in virtual time."""
+"""Faults of the simulated SpaceMouse, in virtual time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hand made of keys: its logic in virtual time, and a real pseudo-terminal."""
+"""Device motion from keys: its logic in virtual time, and a real pseudo-terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scripted hands in virtual time, and the built-in scripts."""
+"""Scripted device motion in virtual time, and the built-in scripts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.sim_peers.spacemouse_virtual import make, motions, perform, run
 pytestmark = pytest.mark.matrix
 
 FULL_SPEED = (0.1,) * 3 + (0.4,) * 3
-"""m/s and rad/s that the gateway makes of full deflection in the demonstration."""
+"""Speeds at full deflection in the demo, m/s and rad/s."""
 
 
 def motion(script: str, model: str = "spacenavigator") -> ScriptedPuck:
@@ -27,7 +27,7 @@ def motion(script: str, model: str = "spacenavigator") -> ScriptedPuck:
 
 
 def trace(name: str, until_s: float) -> list[tuple[float, tuple[float, ...], tuple[str, ...]]]:
-    """Deflection and buttons of a built-in script, every 2 ms."""
+    """Return deflection and buttons of a built-in script, every 2 ms."""
     device, script_motion = make(), motion(SCRIPTS[name])
     samples = []
     for step in range(round(until_s / 0.002) + 1):
@@ -37,7 +37,7 @@ def trace(name: str, until_s: float) -> list[tuple[float, tuple[float, ...], tup
 
 
 def travel(samples: list[tuple[float, tuple[float, ...], tuple[str, ...]]]) -> list[list[float]]:
-    """Displacement of each axis over time, m and rad, while the dead-man is held."""
+    """Return the displacement of each axis over time, m and rad, while the dead-man is held."""
     position = [0.0] * 6
     path = [list(position)]
     for _, axes, held in samples:

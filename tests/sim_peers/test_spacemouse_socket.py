@@ -1,4 +1,4 @@
-"""The simulated SpaceMouse on a real socket, driven step by step."""
+"""Simulated SpaceMouse on a real socket, advanced step by step."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from tests.waiting import WITHIN_S
 pytestmark = pytest.mark.matrix
 
 PATIENCE_S = WITHIN_S
-"""How long a test waits at most for something that takes milliseconds."""
+"""Longest wait of a test for an event that takes milliseconds."""
 
 
 @pytest.fixture
 def path() -> Iterator[str]:
-    # pytest's own directories can be too long for a socket's path.
+    # The paths of pytest's folders can be too long for a socket.
     with tempfile.TemporaryDirectory(prefix="puck") as directory:
         yield str(Path(directory) / "puck.sock")
 
 
 @contextlib.contextmanager
 def served(path: str, script: str, **options: object) -> Iterator[SpaceMousePeer]:
-    """An open peer whose hand does `script` (text, or the name of a built-in one)."""
+    """Open a peer that plays `script` (text, or the name of a built-in one)."""
     if " " in script:
         file = Path(path).with_suffix(".txt")
         file.write_text(script)
@@ -70,7 +70,7 @@ def step_until(peer: SpaceMousePeer, done: Callable[[], object]) -> None:
 
 
 def advance(peer: SpaceMousePeer, seconds: float) -> None:
-    """Move the peer's clock instead of waiting for it."""
+    """Advance the peer's clock without waiting."""
     assert peer._start_s is not None
     peer._start_s -= seconds
     peer.step(0.0)
@@ -220,7 +220,7 @@ def test_refuse_refuses_and_yields_after_its_time(path: str) -> None:
     with served(path, "rest", faults={"refuse": 1000.0}) as peer:
         with pytest.raises(ConnectionRefusedError):
             connect(path)
-        peer._opened_s -= 1000.0  # its clock is moved
+        peer._opened_s -= 1000.0  # advances its clock
         peer.step(0.0)
         connect(path).close()
 

@@ -44,7 +44,7 @@ PUCK = HidIdentity("puck", BUS_USB, 0x256F, 0xC635, b"\x05\x01\x09\x08", "here",
 
 
 def event(kind: int, body: bytes = b"") -> bytes:
-    """Return an event as the kernel gives it: always a whole struct uhid_event."""
+    """Return an event in the kernel's form: always a whole struct uhid_event."""
     return (struct.pack("=I", kind) + body).ljust(EVENT_BYTES, b"\0")
 
 
@@ -130,12 +130,12 @@ def test_without_the_kernels_module_the_remedy_is_named():
         UhidDevice("/nonexistent/uhid").open()
 
 
-# ---------------------------------------------------------------------------------------------
-# The SpaceMouse behind it. A pair of sockets stands for the kernel's file.
+# --------------------------------------------------------------------------------------------- The
+# SpaceMouse on it. A socket pair replaces the kernel's file.
 
 
 class Kernel:
-    """The other end of a stand-in for /dev/uhid."""
+    """Other end of a stand-in for /dev/uhid."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -150,7 +150,7 @@ class Kernel:
         self._sock.send(data)
 
     def got(self) -> list[tuple[int, bytes]]:
-        """(type, body) of each event written."""
+        """Return (type, body) of each written event."""
         events = []
         with contextlib.suppress(BlockingIOError):
             while data := self._sock.recv(EVENT_BYTES):
@@ -178,7 +178,8 @@ def peer(script: str = "0.0 axes 1 0 0 0 0 0", **options: object) -> SpaceMouseP
 
 
 def run(puck: SpaceMousePeer, seconds: float = 0.0) -> None:
-    """Serve what waits, and `seconds` of the script at once, in steps that are no stalls."""
+    """Serve waiting requests, and `seconds` of the script in steps that are too short to count as
+    stalls."""
     puck.step(time.monotonic() + 0.001)
     while seconds > 0.0:
         assert puck._start_s is not None
@@ -228,7 +229,7 @@ def test_it_appears_moves_once_opened_and_takes_the_led(kernel):
 @pytest.mark.parametrize(
     ("model", "vendor", "product"),
     [
-        # The kernel's Logitech driver would take it on USB.
+        # On USB, the kernel's Logitech driver would claim it.
         ("spacenavigator", 0x046D, 0xC626),
         ("spacemouse-wireless-bt", 0x256F, 0xC63A),
     ],

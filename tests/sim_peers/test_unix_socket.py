@@ -1,4 +1,4 @@
-"""Unix sockets that stand for a device."""
+"""Unix sockets in place of a device."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Queue(PacketClient):
 
 
 class Bench:
-    """A server that records received messages."""
+    """Server that records received messages."""
 
     def __init__(self, path: str, selector: selectors.BaseSelector) -> None:
         self.heard: list[bytes] = []

@@ -1,7 +1,7 @@
-"""Programs that move Universal Robots arms, unmodified, with the simulated controller.
+"""Unmodified third-party programs that move Universal Robots arms, with the simulated controller.
 
-The control interface of SDU's ur_rtde uploads a program of 1,200 lines, talks to it by registers,
-and wants the published ports: each controller has an address of its own on loopback.
+The control interface of SDU's ur_rtde uploads a program of 1,200 lines, communicates with it
+through registers, and needs the standard ports: each controller has a separate address on loopback.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ STILL = [0.0] * 6
 
 
 class Arm:
-    """Both interfaces of ur_rtde, and the arm's motion."""
+    """Both interfaces of ur_rtde, with the arm's motion."""
 
     def __init__(self, address):
         self.address = address
-        # At 125 Hz a busy computer reads as fast as it is sent.
+        # A busy computer can still read all states at 125 Hz.
         self.receive = rtde_receive.RTDEReceiveInterface(address, 125.0)
         self.control = rtde_control.RTDEControlInterface(address)
 
@@ -206,7 +206,7 @@ def test_torques_move_a_joint():
         arm = Arm(address)
         arm.stream(lambda: arm.control.directTorque([8.0, 0, 0, 0, 0, 0]), 50)
         assert arm.receive.getActualQ()[0] > 1e-3
-        # Its program goes on with the last of them until there is another call.
+        # Its program repeats the last call until the next one.
         assert arm.control.stopJ(2.0) is None
         arm.rests()
         assert arm.control.isProgramRunning()

@@ -1,4 +1,4 @@
-"""The simulated Universal Robots controller: programs in its own time, modes, and its servers."""
+"""Simulated Universal Robots controller: programs in its own time, modes, and its servers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.matrix
 
 
 class World:
-    """A controller with its servers, in virtual time."""
+    """Controller with its servers, in virtual time."""
 
     def __init__(self, **options):
         options.setdefault("running", True)
@@ -318,7 +318,7 @@ def test_one_client_has_a_register_until_it_goes():
     world.servers.eof(first, world.now_s)
     (theirs,) = replies(world.say(second, ask_inputs(["input_int_register_24"])))
     assert theirs.recipe == 1
-    # The written value stays.
+    # A written value is kept.
     assert world.controller.registers.input_int[24] == -5
 
 
@@ -348,7 +348,7 @@ def test_a_controller_that_stood_still_does_not_make_up_for_it():
 
 @pytest.mark.parametrize("robot", ["ur5", "ur5e"])
 def test_the_models_kinematics_are_those_of_the_tables(robot):
-    """The model's base is turned by pi from the controller's."""
+    """The model's base is rotated by pi from the controller's."""
     arm = ArmKinematics(load_arm(robot))
     for joints in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 6)):
         x, y, z = forward(joints, UR_LINKS[robot]).pose.position
@@ -356,7 +356,7 @@ def test_the_models_kinematics_are_those_of_the_tables(robot):
 
 
 def test_a_pose_by_hand():
-    """UR5e stretched upwards: its links one on the other."""
+    """Expected pose of a UR5e stretched upwards: the sum of its link lengths."""
     pose = forward((0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0), UR_LINKS["ur5e"]).pose
     assert pose.position == pytest.approx(
         (0.0, -0.1333 - 0.0996, 0.1625 + 0.425 + 0.3922 + 0.0997), abs=1e-9

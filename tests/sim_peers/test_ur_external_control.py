@@ -33,7 +33,8 @@ HOME = (0.0, -1.570796, 1.570796, -1.570796, -1.570796, 0.0)
 STILL = (0.0,) * 6
 PLANE_M = 0.4
 CLOSE = 2e-3
-"""An arm of splines is behind its target by 8 ms, and the program begins each part where it is."""
+"""With splines the arm is 8 ms behind its target, and the program starts each segment at the arm's
+position."""
 SUCCESS, CANCELED = 0, 1
 
 pytestmark = [
@@ -43,7 +44,7 @@ pytestmark = [
 
 
 class Setup:
-    """A simulated controller, and the driver's end."""
+    """Simulated controller, and the driver's end."""
 
     def __init__(self, peer, client):
         self.controller, self.motion = peer.controller, peer.controller.motion
@@ -87,7 +88,7 @@ def turned(angle):
 
 
 def ramp(start, goal, steps=100):
-    """A function whose results go from one list to another."""
+    """Return a function whose results go from one list to another."""
     counted = count(1)
 
     def value():
@@ -157,7 +158,7 @@ def test_trajectories_of_moves_and_splines(arm):
     arm.reaches(turned(0.2))
     arm.goes_through(splined(turned(0.1), STILL, 1.0, STILL), splined(HOME, STILL, 1.0, STILL))
     arm.reaches(HOME)
-    # In steps of the controller, a time of more than 2 s is met but for a rounding error.
+    # The program steps in controller cycles, and meets times above 2 s up to rounding.
     arm.goes_through(
         splined(turned(0.1), speeds, 1.0),
         splined(turned(0.31), speeds, 2.1),

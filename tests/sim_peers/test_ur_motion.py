@@ -1,4 +1,4 @@
-"""The motion of the simulated UR controller, frame by frame, in virtual time."""
+"""Motion of the simulated UR controller, frame by frame, in virtual time."""
 
 import math
 import random
@@ -36,7 +36,7 @@ CLOSE = 1e-6
 
 
 class Arm:
-    """A controller whose program is a list of calls."""
+    """Controller whose program is a list of calls."""
 
     def __init__(self, slider=1.0, **options):
         self.controller = UrController(UrControllerOptions(running=True, **options))
@@ -44,7 +44,7 @@ class Arm:
         self.dt_s = self.controller.period_s
         self.slider = slider
         self.frames = []
-        """(target_q, target_qd, target_qdd, TCP) once a frame."""
+        """(target_q, target_qd, target_qdd, TCP) of each frame."""
         self.why = ""
 
     def call(self, name, *given, **named):
@@ -63,7 +63,7 @@ class Arm:
         return self.why
 
     def do(self, name, *given, most_s=60.0, **named):
-        """Until the program would go on; how long that took."""
+        """Run a call until the program would continue; return its duration."""
         action, count = self.call(name, *given, **named), 0
         while action is not None:
             count += 1
@@ -80,7 +80,7 @@ class Arm:
         return self
 
     def pose(self, x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
-        """So far from where the TCP is."""
+        """Return a pose at this offset from the TCP."""
         here = frame_of(self.motion.target_tcp_pose())
         moved = here._replace(
             position=type(here.position)(
@@ -102,7 +102,7 @@ class Arm:
         return np.array([frame[3][:3] for frame in self.frames])
 
     def tool(self):
-        """The TCP's speeds and accelerations, between frames."""
+        """Return the TCP's speeds and accelerations between frames."""
         speeds = np.diff(self.tips, axis=0) / self.dt_s
         return (
             np.linalg.norm(speeds, axis=1),
@@ -110,7 +110,8 @@ class Arm:
         )
 
     def check_joints(self, v, a):
-        """Speeds are what the positions have, and within the limits; so are the accelerations."""
+        """Assert that speeds and accelerations are the derivatives of the positions, and within the
+        limits."""
         q, qd = self.q, self.qd
         assert np.diff(q, axis=0) / self.dt_s == pytest.approx(qd[1:], abs=1e-9)
         assert np.diff(qd, axis=0) / self.dt_s == pytest.approx(
@@ -126,7 +127,7 @@ def arm():
 
 
 def same(pose, other, tolerance=1e-9):
-    """Whether two poses are one; a turn by half has two rotation vectors."""
+    """Return whether two poses are equal; a rotation by pi has two rotation vectors."""
     a, b = frame_of(pose), frame_of(other)
     apart = norm(subtract(a.position, b.position))
     return (
@@ -135,7 +136,7 @@ def same(pose, other, tolerance=1e-9):
 
 
 def trapezoid(length, v, a):
-    """How long a move takes."""
+    """Return the duration of a move."""
     return length / v + v / a if length * a > v * v else 2.0 * math.sqrt(length / a)
 
 
@@ -166,7 +167,7 @@ def test_the_jacobian_is_that_of_the_model():
             moved[joint] += step
             columns.append((model.forward(moved).translation - model.forward(q).translation) / step)
         rows = np.array(arm.call("get_jacobian", q.tolist()))[:3]
-        # The model's base is turned by pi from the controller's.
+        # The model's base is rotated by pi from the controller's.
         assert rows == pytest.approx(np.diag([-1.0, -1.0, 1.0]) @ np.array(columns).T, abs=1e-5)
 
 
@@ -433,7 +434,8 @@ def test_moves_of_all_kinds_blend(order, arm):
         sideways = -sideways
     arm.wait(0.1)
     assert not arm.motion.moving
-    # Speeds go on: no frame changes one by more than a blend of joints and lines can ask for.
+    # Speed is continuous: each frame changes it by no more than a blend of joints and lines can
+    # need.
     assert np.abs(np.diff(arm.qd, axis=0)).max() < 0.03
     assert np.diff(arm.q, axis=0) / arm.dt_s == pytest.approx(arm.qd[1:], abs=1e-9)
 
@@ -539,7 +541,7 @@ def test_a_pause_within_a_blend_rests_there_and_goes_on_to_the_next_move(arm):
     arm.do("movel", second)
     assert same(arm.motion.target_tcp_pose(), second)
     speeds = np.diff(arm.tips[resumed - 2 :], axis=0) / arm.dt_s
-    # The speed comes back within 0.25 s, beside what the blend itself asks for.
+    # The speed recovers within 0.25 s, in addition to the changes of the blend.
     most = 1.2 + 0.25 * 4.0
     assert np.linalg.norm(np.diff(speeds, axis=0), axis=1).max() <= most * arm.dt_s
 
@@ -671,7 +673,7 @@ LIMITS = [0.1, 0.1, 0.05, 0.3, 0.3, 0.3]
 
 
 def table(below_m=0.02, **options):
-    """An arm that far above a plane."""
+    """Return an arm at that height above a plane."""
     height = Arm(**options).motion.target_tcp_pose()[2]
     return Arm(contact_z_m=height - below_m, **options)
 
@@ -766,7 +768,7 @@ def test_all_types_of_force_frames(kind, arm):
     arm.call("force_mode", *DOWN, [0, 0, -5.0, 0, 0, 0], kind, LIMITS)
     arm.do("movel", arm.pose(y=0.1))
     assert not arm.why
-    # Where the frame is turned towards the TCP, its z axis still goes down, but aslant.
+    # If the frame is rotated towards the TCP, its z axis still points down, at an angle.
     assert arm.motion.target_tcp_pose()[2] != pytest.approx(arm.frames[0][3][2], abs=1e-3)
 
 
@@ -948,7 +950,7 @@ def test_payload_and_gravity(arm):
 
 
 def program(body, seconds=10.0, **options):
-    """The controller after a program."""
+    """Return the controller after a program."""
     controller = UrController(UrControllerOptions(running=True, **options))
     controller.upload(f"def test():\n{body}\nend\n")
     for number in range(round(seconds / controller.period_s)):

@@ -1,7 +1,7 @@
-"""SDU's ur_rtde, unmodified, with the simulated controller: it reads, writes, asks the dashboard.
+"""SDU's ur_rtde, unmodified, with the simulated controller: reads, writes, and dashboard requests.
 
-Its port is fixed, so each controller has an address of its own on loopback. The controller is
-another process: the library keeps Python from running while it waits.
+Its port is fixed, so that each controller has a separate address on loopback. The controller is
+another process, because the library blocks Python while it waits.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="only Linux has all of 127.0.0.0/8"),
 ]
 
-if sys.version_info >= (3, 13) or platform.machine() != "x86_64":  # as pyproject.toml has it
+# Same condition as in pyproject.toml.
+if sys.version_info >= (3, 13) or platform.machine() != "x86_64":
     pytest.skip("ur_rtde has no wheel for this Python", allow_module_level=True)
 
 rtde_receive = importlib.import_module("rtde_receive")
@@ -33,7 +34,7 @@ RTDE_PORT = 30004
 
 
 def own_address(number):
-    """An address of this process's on loopback."""
+    """Return an address on loopback that only this process uses."""
     pid = os.getpid()
     return f"127.{100 + number}.{pid >> 8 & 0xFF}.{pid & 0xFF or 1}"
 

@@ -1,4 +1,4 @@
-"""URScript in the simulated controller: results of programs, their threads, and their sockets."""
+"""URScript in the simulated controller: results of programs, threads, and sockets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cardan.sim_peers.ur_controller.values import UrPose
 
 
 class World:
-    """A controller in virtual time, and the output of its program."""
+    """Controller in virtual time, with the output of its program."""
 
     def __init__(self, program, frames=0, **options):
         self.controller = UrController(
@@ -52,7 +52,7 @@ def lines(body):
 
 
 def computed(expression, before=""):
-    """The value of an expression."""
+    """Return the value of an expression."""
     controller = UrController(UrControllerOptions(running=True))
     program = parse(lines(f"{before}\nfound = {expression}\nsync()"))
     assert isinstance(program, Program), program
@@ -170,7 +170,7 @@ c = changed(a)"""
 
 
 def test_scopes():
-    """The script manual's own examples, by their results."""
+    """Examples of the script manual, with their results."""
     before = """
 a = 0
 def mine():
@@ -331,7 +331,7 @@ def test_a_thread_that_never_lets_time_pass(body):
 
 
 def test_a_long_program_is_compiled_in_portions_and_begins_then():
-    """Later uploads wait, and the running program goes on."""
+    """Later uploads wait, and the running program continues."""
     world = World(lines("n = 0\nwhile True:\n  n = n + 1\n  sync()\nend"), 5)
     long = lines('textmsg("long")\n' + "x = [1, -2 * (3 + 4)]\n" * 1_000 + "sync()")
     world.controller.upload(long)

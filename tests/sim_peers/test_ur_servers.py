@@ -1,4 +1,4 @@
-"""The client interfaces and the dashboard of the simulated Universal Robots controller."""
+"""Client interfaces and dashboard of the simulated Universal Robots controller."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_a_state_tells_what_rtde_tells():
 
 
 def test_the_dexterity_is_the_one_of_a_controller():
-    """Joints and what URSim 5.8 told of them."""
+    """Joints, and the dexterity that URSim 5.8 reported for them."""
     world = World(start=(-1.6007, -1.7271, -2.203, -0.808, 1.5951, -0.031))
     number = world.join("secondary")
     world.run(0.15)
@@ -614,7 +614,7 @@ def test_where_the_ports_are():
 
 
 def stamps_of(kind, data):
-    """When the packets were made that `data` has whole, s; and what is left of it."""
+    """Return the time stamps of the complete packets in `data`, s, and the rest of it."""
     stamps = []
     head = struct.Struct(">id") if kind.startswith("realtime") else struct.Struct(">IB5xQ")
     while len(data) >= head.size and len(data) >= (size := head.unpack_from(data)[0]):
@@ -628,7 +628,7 @@ def stamps_of(kind, data):
 
 @pytest.mark.real
 def test_clients_that_never_read_miss_whole_packets_on_every_port_of_states(monkeypatch):
-    clock = itertools.count(100.0, 0.004)  # Read twice a frame, so that nothing is waited for.
+    clock = itertools.count(100.0, 0.004)  # Read twice per frame, so that no real time passes.
     monkeypatch.setattr(
         "cardan.sim_peers.tcp_peer.time", SimpleNamespace(monotonic=lambda: next(clock))
     )
@@ -667,7 +667,7 @@ def test_clients_that_never_read_miss_whole_packets_on_every_port_of_states(monk
                     read(kind, True)
 
         serve(25.0)
-        # Its messages are read all the same.
+        # Its messages are read nevertheless.
         clients["realtime", False].sendall(b"def a():\n  sync()\nend\n")
         serve(0.2)
         assert any("program a" in text for _, text in peer.controller.events)

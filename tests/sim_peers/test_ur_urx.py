@@ -1,8 +1,8 @@
-"""urx, unmodified, with the simulated controller: it reads the secondary interface, sends lines.
+"""urx, unmodified, with the simulated controller: it reads the secondary interface and sends lines.
 
-Its ports are fixed, so the controller has an address of its own on loopback. It takes the state of
-a robot for one that runs up to 3.4: later ones are of a size that it does not know. Its linear and
-Cartesian moves fail by themselves: they want a math3d that pip does not install.
+Its ports are fixed, so that the controller has a separate address on loopback. It decodes states of
+software up to 3.4: later ones have a size that it does not know. Its linear and Cartesian moves
+always fail, because they need a version of math3d that pip does not install.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The variables that the simulated UR controller tells: each follows its motion and its state."""
+"""Variables that the simulated UR controller reports: each follows its motion and its state."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ end
 
 
 class World:
-    """A controller with a program, and its reports."""
+    """Controller with a program, and its reports."""
 
     def __init__(self, program="", **options):
         self.controller = UrController(
@@ -67,7 +67,7 @@ class World:
         return self
 
     def record(self, seconds, *names):
-        """Their values in each frame."""
+        """Record the variables' values in each frame."""
         found = []
         for _ in range(round(seconds / self.controller.period_s)):
             self.run(self.controller.period_s)
@@ -156,7 +156,7 @@ def test_the_functions_of_dynamics_are_pinocchios(robot):
         assert np.array(functions["get_mass_matrix"].do(place, False)) == pytest.approx(mass)
         torques = functions["get_coriolis_and_centrifugal_torques"].do(place, speed)
         assert torques == pytest.approx(pin.rnea(model, data, q, v, np.zeros(6)), abs=1e-9)
-        # Without acceleration of the joints it is what the flange accelerates with.
+        # With zero joint acceleration, the result is the acceleration of the flange.
         rate = np.array(functions["get_jacobian_time_derivative"].do(place, speed, None))
         effort = world.controller.dynamics.effort(place, speed, [0.0] * 6, LOAD, (0.0,) * 3)
         turn = motion.kinematics.forward(place).orientation
@@ -243,7 +243,7 @@ def test_brakes_hold_without_current_and_nothing_flows_without_power():
 
 def test_gravity_in_the_tools_axes_and_a_payload_at_the_sensor():
     world = World()
-    # At home the tool looks down.
+    # At home the tool points down.
     assert world.value("actual_tool_accelerometer") == pytest.approx((0.0, 0.0, -UP), abs=1e-6)
     before = world.value("actual_current_as_torque")
     functions = world.controller.functions
@@ -333,7 +333,7 @@ def test_what_clients_write_is_reported():
     write({"tool_digital_output_mask": 1, "tool_digital_output": 3})
     assert value("actual_digital_output_bits") == 0x18102
     assert value("actual_configurable_digital_output_bits") == 0x81
-    write({"standard_digital_output": 1})  # The mask is kept.
+    write({"standard_digital_output": 1})  # the mask is kept
     assert value("actual_digital_output_bits") == 0x18101
     write(
         {
@@ -359,7 +359,7 @@ def test_what_clients_write_is_reported():
 
 
 class Client:
-    """Of RTDE, in virtual time."""
+    """RTDE client in virtual time."""
 
     def __init__(self):
         options = UrControllerOptions(running=True)
@@ -415,7 +415,7 @@ def test_version_1_has_neither_a_frequency_nor_a_number_of_outputs():
     ("asked_hz", "count"), [(500.0, 500), (125.0, 125), (30.0, 31), (12.5, 12), (1.0, 1)]
 )
 def test_packages_come_at_the_frequency_that_the_recipe_asks(asked_hz, count):
-    """Every so many frames: the whole ones of how many there are to a package."""
+    """The period is a whole number of frames."""
     client = Client()
     client.say(ask_version())
     ((_, answer),) = client.say(ask_outputs(asked_hz, ["timestamp"]))

@@ -55,7 +55,7 @@ pytestmark = [
 
 
 def example(name, *words, **options):
-    """A process of an example, in its folder and with its own imports."""
+    """Run an example in its folder with its own imports; return the process."""
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     return subprocess.Popen(
         (sys.executable, "-u", name, *words),
@@ -76,7 +76,7 @@ def test_record_writes_what_its_configuration_names(robot, buffered, tmp_path):
         assert example("record.py", *words).wait(30.0) == 0
     with output.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, delimiter=" "))
-    # It counts its last look, which finds nothing where it does not wait for what comes.
+    # It counts the last read, which finds no data if it does not wait.
     assert len(rows) == 250 or (buffered and len(rows) == 249)
     times = [float(row["timestamp"]) for row in rows]
     if buffered:
@@ -104,7 +104,7 @@ def test_the_control_loop_goes_to_and_fro(tmp_path):
     with served("sim", "ur", "--running", *ports), said.open("w", encoding="utf-8") as out:
         loop = example("example_control_loop.py", stdout=out)
         try:
-            # The program's watchdog wants it there.
+            # The program's watchdog needs this connection.
             with closing(socket.create_connection(("127.0.0.1", primary))) as pendant:
                 pendant.sendall(PROGRAM.encode())
                 until(lambda: said.read_text(encoding="utf-8").count("confirmed") >= 3, "moves")

@@ -1,4 +1,4 @@
-"""USB/IP: the bytes of the kernel's documentation, and a simulated SpaceMouse behind them."""
+"""USB/IP: bytes of the kernel's documentation, and a simulated SpaceMouse behind the protocol."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def unlinked(sequence: int, status: int) -> bytes:
 
 
 class Puck:
-    """A session with a SpaceMouse behind it."""
+    """USB/IP session with a SpaceMouse."""
 
     def __init__(self, key: str = "spacenavigator", imported: bool = True) -> None:
         self.outputs: list[bytes] = []
@@ -69,7 +69,7 @@ class Puck:
         return self.session.take_output()
 
     def control(self, setup: str, length: int = 0, data: bytes = b"") -> bytes | None:
-        """The device's answer without USB/IP; None: it stalls."""
+        """Return the device's answer without USB/IP; None: it stalls."""
         kind, request, value, target, size = struct.unpack("<BBHHH", bytes.fromhex(setup))
         return self.usb.control(SetupPacket(kind, request, value, target, length or size), data)
 
@@ -266,7 +266,7 @@ def test_standard_requests_are_answered_as_usb_demands(puck):
 
 
 class Host:
-    """A host with one connection to a peer that is stepped by hand."""
+    """Host with one connection to a peer that the test steps."""
 
     def __init__(self, peer: SpaceMousePeer) -> None:
         self.peer = peer
@@ -283,7 +283,7 @@ class Host:
         return said
 
     def gone(self) -> bool:
-        """Whether the peer has closed the connection."""
+        """Return whether the peer has closed the connection."""
         end_s = time.monotonic() + 5.0
         while time.monotonic() < end_s:
             self.peer.step(time.monotonic() + 0.002)

@@ -1,4 +1,4 @@
-"""A simulated peer in ``with`` serves in a thread of its own."""
+"""A simulated peer in a ``with`` statement serves in its own thread."""
 
 import threading
 import time

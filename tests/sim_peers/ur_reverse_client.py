@@ -1,5 +1,5 @@
-"""Client of Universal Robots' external control: it expands the vendor's program, uploads it, takes
-the connections that the program opens, and sends commands by them.
+"""Client of Universal Robots' external control: it expands and uploads the vendor's program,
+accepts the connections of the program, and sends commands over them.
 
 Source: Universal_Robots_Client_Library, its script reader and its interfaces of the reverse
 connections: big-endian words of 32 bits; a command is a time-out in ms, 6 values and the mode.
@@ -21,7 +21,7 @@ POINT_WORDS = 21
 SCRIPT_WORDS = 28
 PERIOD_S = 0.002
 PATIENT_MS = 5000
-"""Time-out of commands for tests that keep a connection: whatever else this computer does."""
+"""Time-out of commands for tests that keep a connection on a busy computer."""
 ANSWER_S = 60.0
 
 
@@ -75,7 +75,7 @@ _CUBIC, _QUINTIC = 1, 2
 
 
 def expanded(text, version, values):
-    """The program for a version of the controller's software, with the driver's values."""
+    """Return the program for a software version of the controller, with the driver's values."""
     text = re.sub(r"\{\{\s*([\w-]+)\s*\}\}", lambda found: str(values[found[1]]), text)
     lines, blocks = [], []
     for line in text.splitlines():
@@ -102,12 +102,12 @@ def _holds(condition, version):
 
 
 def scaled(values):
-    """Values as the words of the wire."""
+    """Scale values to words of the wire."""
     return [round(each * SCALE) for each in values]
 
 
 class ReverseClient:
-    """The driver's end of the three connections."""
+    """Driver's end of the three connections."""
 
     def __init__(self, text, version, host="127.0.0.1"):
         names = ("SERVER_PORT", "TRAJECTORY_SERVER_PORT", "SCRIPT_COMMAND_SERVER_PORT")
@@ -144,7 +144,7 @@ class ReverseClient:
                 self._links.append(link)
 
     def close(self):
-        """End like a process that is killed."""
+        """Close like a killed process."""
         self.pause()
         for each in (*self._links, *self._listeners):
             each.close()
@@ -152,7 +152,7 @@ class ReverseClient:
     # -- commands, repeated like those of a control loop --
 
     def stream(self, mode, values=(), timeout_ms=PATIENT_MS):
-        """Repeat a command; numbers are scaled, and a function's result is sent each time anew."""
+        """Repeat a command; numbers are scaled, and a function is called for each repetition."""
         self.pause()
         ended = threading.Event()
 
@@ -166,7 +166,7 @@ class ReverseClient:
         self._sending = (ended, thread)
 
     def pause(self):
-        """Send nothing more."""
+        """Stop sending."""
         if self._sending is not None:
             ended, thread = self._sending
             self._sending = None
@@ -178,7 +178,7 @@ class ReverseClient:
         self.words(mode, scaled(values), timeout_ms)
 
     def words(self, mode, words=(), timeout_ms=PATIENT_MS):
-        """Send a command of unscaled words."""
+        """Send a command with unscaled words."""
         padded = [*words, *[0] * (COMMAND_WORDS - 2 - len(words))]
         self._send(0, [timeout_ms, *padded, mode])
 
@@ -189,29 +189,28 @@ class ReverseClient:
     # -- trajectories --
 
     def trajectory(self, points):
-        """Forward points, each one its words and kind; its result arrives by `result`."""
+        """Forward points, each with its words and kind; `result` returns the outcome."""
         self.words(Mode.FORWARD, [1, len(points)])
         for each in points:
             self._send(1, each)
 
     def cancel(self):
-        """Cancel a trajectory."""
         self.words(Mode.FORWARD, [-1, 0])
 
     def keep(self):
-        """Keep a trajectory's connection alive."""
+        """Keep a trajectory's connection open."""
         self.words(Mode.FORWARD)
 
     def result(self):
-        """The word that the program sends after a trajectory."""
+        """Return the word that the program sends after a trajectory."""
         return self._answer(1)
 
     def contact(self):
-        """The word that the program sends about a contact of the tool."""
+        """Return the word that the program sends about a contact of the tool."""
         return self._answer(2)
 
     def script(self, command, words=()):
-        """Send a one-time command, of unscaled words."""
+        """Send a single command with unscaled words."""
         self._send(2, [command, *words, *[0] * (SCRIPT_WORDS - 1 - len(words))])
 
     def _send(self, link, words):
@@ -227,14 +226,14 @@ class ReverseClient:
 
 
 def moved(kind, goal, speed=1.0, acceleration=1.0, time_s=0.0, blend_m=0.0, via=(0.0,) * 6, mode=0):
-    """A point of a motion of the controller's own."""
+    """Return a point of the controller's own motions."""
     third = scaled([speed, acceleration, mode, 0, 0, 0])
     times = [round(time_s * TIME_SCALE), round(blend_m * TIME_SCALE)]
     return [*scaled(goal), *scaled(via), *third, *times, kind]
 
 
 def splined(goal, speeds, time_s, accelerations=None):
-    """A point of a cubic spline, or with accelerations of a quintic one."""
+    """Return a point of a cubic spline, or with accelerations of a quintic one."""
     kind = _CUBIC if accelerations is None else _QUINTIC
     third = scaled(accelerations or [0.0] * 6)
     times = [round(time_s * TIME_SCALE), kind]
