@@ -1,4 +1,4 @@
-"""``cardan evaluate``: what was published, measured again; one report."""
+"""``cardan evaluate``: repeat published measurements, and write one report."""
 
 from __future__ import annotations
 
