@@ -30,7 +30,7 @@ pytestmark = pytest.mark.matrix
 
 def by_name(figures):
     found = {figure.name: figure for figure in figures}
-    assert len(found) == len(figures), "a name is there twice"
+    assert len(found) == len(figures), "duplicate name"
     return found
 
 

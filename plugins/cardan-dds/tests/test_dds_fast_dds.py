@@ -77,7 +77,7 @@ def test_endpoints_are_those_of_ros_2(ours):
             assert seen["type"] == f"{package}::msg::dds_::{name}_"
             assert user_data(seen) == {"typehash": type_hash(type_name)}
             assert (seen["reliability"], seen["durability"]) == ("reliable", durability)
-            assert seen["representations"] in (0, 1), "XCDR1 alone, which none means as well"
+            assert seen["representations"] in (0, 1), "XCDR1 only, listed or by default"
         request = theirs.wait("endpoint_seen", topic="rq/arm/stopRequest", kind="reader")
         reply = theirs.wait("endpoint_seen", topic="rr/arm/stopReply", kind="writer")
         assert request["type"] == "std_srvs::srv::dds_::Trigger_Request_"
@@ -102,7 +102,7 @@ def test_nodes_know_each_other_by_name(options, length):
         assert b"ours\0".hex() in reported
         publisher.close()
         theirs.wait("endpoint_gone", topic="rt/arm/joints", kind="writer")
-        assert named not in theirs.wait("graph")["cdr"], "taken from the snapshot before"
+        assert named not in theirs.wait("graph")["cdr"], "still in the snapshot"
         theirs.advertise("/arm/name", STRING)
         until(lambda: "/fast" in ours.topics().get("/arm/name", ((), ()))[1])
     assert length == len(named) // 2

@@ -198,7 +198,9 @@ def test_a_client_publishes_cdr_as_it_is_and_json(network, client):
     until(lambda: network.published)
     _, message = network.published.pop()
     assert message["twist"]["linear"]["x"] == 0.25
-    assert message["header"]["stamp"]["sec"] > 1_000_000_000, "a missing stamp is now"
+    assert message["header"]["stamp"]["sec"] > 1_000_000_000, (
+        "a missing stamp is set to the present time"
+    )
 
 
 def test_an_advertisement_ends_with_the_last_of_its_topic(network, client):
@@ -267,7 +269,7 @@ def test_a_flood_is_cut_off(network, running, monkeypatch):
         client.status("more than 50 messages in a second; the others are lost")
         client.settle()
         assert len(network.published) < 1000
-        assert len([each for each in client.heard if each["op"] == "status"]) < 10, "told once"
+        assert len([each for each in client.heard if each["op"] == "status"]) < 10, "reported once"
 
 
 def test_what_is_no_operation_is_reported_and_ends_nothing(client):
@@ -363,7 +365,7 @@ def test_parameters_are_got_by_name_and_all_at_once(parameters, client):
     assert found["/arm.gains"] == {"type": "float64_array", "value": [1.0, 2.5]}
     assert found["/arm.names"] == {"value": ["a", "b"]}
     assert found["/arm.fixed"] == {"value": True}
-    assert "/arm.odd" not in found, "JSON has no number for it"
+    assert "/arm.odd" not in found, "JSON has no such number"
 
 
 def test_parameters_are_set_and_what_they_are_then_is_answered(parameters, client):

@@ -30,7 +30,7 @@ from tests.gateway.force.test_session import (  # noqa: F401
     forces,
     session as fake_session,
 )
-from tests.plugin_benches import PLUGINS as PLUGINS  # The Omni's tests can be imported then.
+from tests.plugin_benches import PLUGINS as PLUGINS  # Makes the Omni's tests importable.
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix

@@ -34,7 +34,7 @@ def wait_for(condition, seconds=8.0):
     """Poll `condition` until it holds; return its value."""
     end_s = time.monotonic() + seconds
     while not (value := condition()):
-        assert time.monotonic() < end_s, "it did not come about in time"
+        assert time.monotonic() < end_s, "the condition did not hold in time"
         time.sleep(0.005)
     return value
 
