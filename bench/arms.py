@@ -15,7 +15,7 @@ from cardan.robots import Capsule, load_arm
 from cardan.types import Vector3
 
 DEBIAN_PACKAGES = "/usr/lib/python3/dist-packages"
-"""Folder of python3-pykdl, for a Python of Debian's own version."""
+"""Folder of Debian's package python3-pykdl, which fits Debian's Python version."""
 
 ACCELERATION_RAD_S2 = 15.0
 """Acceleration limit of every joint; the published prototype's line studies use it, too."""

@@ -123,7 +123,7 @@ class Bench:
             raise RuntimeError(f"the peer does not follow the goal of {self.name}: {off:.2g} away")
 
     def measure(self) -> Found:
-        """Measure all steps in turns, each on an arm of its own."""
+        """Measure all steps in turns, each on a separate arm."""
         steps: dict[str, Timed] = {
             "python": _tick(self._servo()),
             "kernel": _kernel(self._servo()),

@@ -114,7 +114,8 @@ class TwoComputers:
         return [Carried(*each) for each in found]
 
     def change_address(self, computer: str = OPERATOR, *, back: bool = False) -> None:
-        """Replace the address of OPERATOR or ROBOT by its second one; `back`: by its first one."""
+        """Replace the address of OPERATOR or ROBOT by its second one; `back`: restore the first
+        one."""
         addresses = [each[computer] for each in (ADDRESSES, OTHER_ADDRESSES)]
         gone, new = reversed(addresses) if back else addresses
         for change in (("del", f"{gone}/24"), ("add", f"{new}/24")):

@@ -47,7 +47,7 @@ def evaluate(
 ) -> None:
     """Repeat the measurements of the papers that Cardan follows.
 
-    With simulated devices and robots; writes one report: published figures beside ours, pictures,
+    With simulated devices and robots; writes one report: published figures and ours, pictures,
     machine, versions, load and seeds. Real-time measurements need a quiet machine."""
     if compare is not None:
         if quick or only:

@@ -17,7 +17,7 @@ class Figure(NamedTuple):
     """Value; None if it does not exist, for example the delay of a missing response."""
     unit: str = ""
     better: Better = "less"
-    """The better direction; empty: neither is better."""
+    """Direction of improvement; empty: neither is better."""
     spread: float | None = 0.0
     """Expected variation between equal runs; None: measured only once."""
     published: float | None = None

@@ -28,7 +28,7 @@ from tests.console.browser import Tab, chromium, find_chromium
 from tests.console.page_input import FINGER, RELOADED, STATE, enable, jog
 
 AIMS_S = (0.015, 0.040)
-"""Median, and p99."""
+"""Limits for the median and the p99."""
 
 PRESSES = 200
 LONGEST_S = 1.0

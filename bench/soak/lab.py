@@ -25,7 +25,7 @@ VETERAN: Final = "ur5-b"
 SOURCES: Final = frozenset({"device", "verbs", "alice", "bob", "ros2", "daemon"})
 
 DEVICES_OF: Final = {"mouse": ("gofa", "gp8"), "pad": ("ur5-a",), "remote": ("ur5-b",)}
-"""Which arms each device can drive."""
+"""Arms that each device can drive."""
 
 SILENCE_NOTICED: Final = frozenset({"mouse", "remote"})
 """Devices that report all the time while they are deflected. A gamepad sends changes only, so that
