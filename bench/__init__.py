@@ -1,1 +1,1 @@
-"""Benchmarks: everything is measured in one run and printed as ratios. ``python -m bench``."""
+"""Benchmarks: each compares its subjects within one run and prints ratios. ``python -m bench``."""

@@ -1,4 +1,4 @@
-"""Every benchmark, one after the other, or those named on the command line."""
+"""Run all benchmarks in sequence, or those named on the command line."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ BENCHMARKS = {
 
 
 def main() -> None:
-    """Run them."""
+    """Run the selected benchmarks."""
     words = sys.argv[1:]
-    if words[:1] == ["soak"]:  # Hours: not one of all.
+    if words[:1] == ["soak"]:  # It takes hours, so it is not part of "all".
         soak.main(words[1:])
         return
     if "-h" in words or "--help" in words:

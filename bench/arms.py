@@ -15,14 +15,15 @@ from cardan.robots import Capsule, load_arm
 from cardan.types import Vector3
 
 DEBIAN_PACKAGES = "/usr/lib/python3/dist-packages"
-"""Folder of python3-pykdl, for a Python of Debian's own version."""
+"""Folder of Debian's package python3-pykdl, which fits Debian's Python version."""
 
 ACCELERATION_RAD_S2 = 15.0
-"""Of every joint, as in the published prototype's lines."""
+"""Acceleration limit of every joint; the published prototype's line studies use it, too."""
 
 
 def kinematics(name: str, acceleration: float | None = ACCELERATION_RAD_S2) -> ArmKinematics:
-    """One of our arms, its joint accelerations set alike."""
+    """Return the kinematics of one of the packaged arms, with the same acceleration limit at all
+    joints."""
     made = ArmKinematics(load_arm(name))
     if acceleration is not None:
         made.acceleration[:] = acceleration
@@ -43,7 +44,7 @@ def surroundings() -> tuple[Obstacle, ...]:
 
 
 def shapes_as_tables(posts: int) -> list[dict[str, Any]]:
-    """The floor and so many of the posts, as a session's file has them."""
+    """Return the floor and the first posts, as obstacles of a session file."""
     made: list[dict[str, Any]] = []
     for name, shape in surroundings()[: 1 + posts]:
         if isinstance(shape, HalfSpace):
@@ -55,7 +56,7 @@ def shapes_as_tables(posts: int) -> list[dict[str, Any]]:
 
 
 def shorten(collision: CollisionModel, pairs: int) -> CollisionModel:
-    """Keep the first `pairs` pairs only, so that every arm is charged for the same number."""
+    """Keep the first `pairs` pairs only, so that all arms are charged for the same number."""
     geometry = collision._geometry
     while len(geometry.collisionPairs) > pairs:
         geometry.removeCollisionPair(geometry.collisionPairs[len(geometry.collisionPairs) - 1])
@@ -71,7 +72,8 @@ def shorten(collision: CollisionModel, pairs: int) -> CollisionModel:
 
 
 class DampedLeastSquares:
-    """The plain step: pseudo-inverse with constant damping, speeds scaled, positions clipped."""
+    """Plain step for comparison: pseudo-inverse with constant damping, scaled speeds, clipped
+    positions."""
 
     def __init__(self, arm: ArmKinematics, damping: float = 0.05) -> None:
         self.arm, self.damping = arm, damping
@@ -91,7 +93,7 @@ class DampedLeastSquares:
 
 
 def pink_step(arm: ArmKinematics, solver: str = "daqp") -> Callable[[Any, float], None]:
-    """A step of pink (frame and posture task, its position and speed limits)."""
+    """Step of pink: frame and posture tasks, with its position and speed limits."""
     import pink
 
     model = arm.model.copy()
@@ -112,7 +114,7 @@ def pink_step(arm: ArmKinematics, solver: str = "daqp") -> Callable[[Any, float]
 
 
 def kdl() -> Any | None:
-    """PyKDL, where Debian's package is installed and fits this Python; else None."""
+    """Return PyKDL if Debian's package is installed and fits this Python; else None."""
     try:
         import PyKDL
     except ImportError:
@@ -127,7 +129,7 @@ def kdl() -> Any | None:
 
 
 def kdl_step(arm: ArmKinematics, library: Any) -> Callable[[Any, float], None]:
-    """A step of KDL's weighted damped least squares: a velocity, without any limit."""
+    """Step of KDL's weighted damped least squares: a velocity, without limits."""
     chain = library.Chain()
     for joint in arm.arm.joints:
         x, y, z = joint.placement.position

@@ -1,9 +1,9 @@
-"""Time of a session's cycle by part, at the robot's own pace: `python -m bench cycle-profile`.
+"""Time of a session's cycle by part, at the robot's rate: `python -m bench cycle-profile`.
 
-A session runs in a process of its own and is asked once every 4 ms, so that every part of its cycle
-is as cold as in service. Each part is timed by a wrapper around the method that does it, which adds
-less than half a microsecond to it and to all that it is part of. Profilers that trace every call
-would more than double it, and those that sample see too little of 2 % of a core.
+A session runs in a separate process and receives a state every 4 ms, so that the caches are as cold
+as in service. Each part is timed by a wrapper around the method that does it, which adds less than
+0.5 µs to that method and to its callers. A tracing profiler would more than double the time; a
+sampling one sees too little of a load of 2 % of a core.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from studies.cartesian.controller import START, datagram, obeyed
 SECONDS = 12.0
 MAX_SAMPLES = 100_000
 INTERPRETED = "session with model, nothing compiled"
-"""As it is where no C compiler was: servo, reading and answering in Python."""
+"""Case without a C compiler: servo, decoding and answering in Python."""
 SITUATIONS = {
     "cardan-session": "cardan-session",
     "session with model": "session with model",
     "session with model, holding": "session with model, holding",
     INTERPRETED: "session with model",
 }
-"""The columns, and which of the sessions they are of."""
+"""Columns of the table, and the session that each measures."""
 
 _LIBRARIES = ("cardan.gateway.servo.native", "cardan.drivers.abb_egm.compiled")
 
@@ -63,7 +63,8 @@ PARTS = (
     ("feedback", "cardan.gateway.session.parts:Feedback.after"),
     ("snapshot, 10 a second", "cardan.gateway.session.session:Session._publish"),
 )
-"""Timed parts in the order of a cycle; a part that begins with a dash is within the one above."""
+"""Timed parts in the order of a cycle; a part that begins with a dash is contained in the one
+above."""
 
 
 # -- in the session's process ---------------------------------------------------------------------
@@ -83,7 +84,7 @@ def _timed(function: Callable[..., Any], retained: list[int]) -> Callable[..., A
 
 
 def _wrap_parts() -> dict[str, list[int]]:
-    """Time every part from now on; those that this package does not have are left out."""
+    """Time every part from now on; parts that this version of the package lacks are left out."""
     retained: dict[str, list[int]] = {}
     for label, name in PARTS:
         module, _, path = name.partition(":")
@@ -97,8 +98,8 @@ def _wrap_parts() -> dict[str, list[int]]:
 
 
 def run_session(path: str, *flags: str) -> None:
-    """Run the session of a file until its time is over, and print the samples as JSON; with a flag
-    `INTERPRETED`, as where nothing was compiled."""
+    """Run the session of a file for its duration and print the samples as JSON; with the flag
+    `INTERPRETED`, without compiled parts."""
     from cardan.gateway.session.assembly import load_config
     from cardan.gateway.session.session import make_session
 
@@ -147,7 +148,7 @@ def _session(port: int, situation: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def measure(situation: str) -> dict[str, Any]:
-    """Return the times that the session's process measured while it was polled once per period."""
+    """Return the times measured in the session's process, which was polled once per period."""
     port = free_ports()
     with (
         _session(port, situation) as process,

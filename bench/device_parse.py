@@ -2,10 +2,10 @@
 
     python -m bench device-parse
 
-No I/O. Each device is a simulated one in motion whose reports were recorded in virtual time, by
-the benches of the tests; they are fed to the driver's core again and again, each followed by
-``state()``. Given are medians of batches. The last column is the share of one core at the device's
-own rate. For the SpaceMouse beside PySpaceMouse see hid-parse.
+No I/O. Reports of a moving simulated device are recorded in virtual time by the tests' benches and
+fed to the driver's core in a loop, each followed by ``state()``. The table has medians of batches.
+The last column is the share of one core at the device's own rate. For a comparison of the
+SpaceMouse with PySpaceMouse see hid-parse.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ RAW = ((120, -45, 300, -350, 8, 64), (121, -44, 299, -349, 7, 65))
 
 
 class Recorded(NamedTuple):
-    """Reports of a device in motion, and a core that has seen it at rest before."""
+    """Reports of a device in motion, and a core that has already seen it at rest."""
 
     core: DeviceCore
     feed: Callable[[bytes, float], None]
     reports: Iterable[bytes]
     period_s: float
-    """Between two reports."""
+    """Period of the reports."""
     now_s: float
 
 
 def spacemouse() -> Recorded:
-    """A whole report, as a SpaceMouse Wireless sends it."""
+    """SpaceMouse: a whole report, as a SpaceMouse Wireless sends it."""
     core = SpaceMouseCore(SpaceMouseOptions(), model := find_model(0x256F, 0xC62E))
     core.on_opened(0.0, model)
     core.on_report(encode_motion(0, 0, 0, 0, 0, 0), 0.0)
@@ -63,7 +63,7 @@ def spacemouse() -> Recorded:
 
 
 def magellan() -> Recorded:
-    """A serial packet, the worked one."""
+    """Magellan: the worked example's serial packet."""
     return _serial(
         "magellan",
         b"v   MAGELLAN  Version 5.79  by LOGITECH INC. 10/10/97 \r",
@@ -73,7 +73,7 @@ def magellan() -> Recorded:
 
 
 def spaceball() -> Recorded:
-    """A serial packet, each axis deflected, as of a Spaceball 2003."""
+    """Spaceball 2003: a serial packet with every axis deflected."""
     period = 800
     moving = [SpaceballMotion(period, *(20 * a for a in raw[:3]), *raw[3:]) for raw in RAW]
     return _serial(
@@ -85,7 +85,7 @@ def spaceball() -> Recorded:
 
 
 def spaceorb() -> Recorded:
-    """A serial packet, each axis deflected."""
+    """SpaceOrb: a serial packet with every axis deflected."""
     return _serial(
         "spaceorb",
         encode_orb_keys(100, 0),
@@ -95,7 +95,7 @@ def spaceorb() -> Recorded:
 
 
 def _serial(key: str, greeting: bytes, rest: bytes, packets: list[bytes]) -> Recorded:
-    """A serial device that greeted and was seen at rest."""
+    """Return the core of a serial device after its greeting and a report at rest."""
     core = SpaceMouseCore(SpaceMouseOptions())
     session = SerialSession(serial_model_by_key(key), 0.0)
     session.receive(greeting, 0.0)
@@ -112,7 +112,7 @@ def _serial(key: str, greeting: bytes, rest: bytes, packets: list[bytes]) -> Rec
 
 
 def spnav() -> Recorded:
-    """A record of spacenavd's socket."""
+    """spacenavd: a record of its socket."""
     core = SpnavCore(SpnavOptions())
     core.on_opened(0.0)
     core.on_bytes(encode_spnav_motion((0,) * 6, 16), 0.0)
@@ -120,7 +120,7 @@ def spnav() -> Recorded:
 
 
 def wiimote(extension: str = "", motion_plus: bool = False) -> Recorded:
-    """Buttons and acceleration, and whatever is plugged in."""
+    """Wii Remote: buttons and acceleration, with the connected extensions."""
     options = WiimoteOptions(roles="gyro" if motion_plus else "paper")
     bench = wiimote_bench.Bench(options, extension=extension, motion_plus=motion_plus)
     bench.ready()
@@ -130,7 +130,7 @@ def wiimote(extension: str = "", motion_plus: bool = False) -> Recorded:
 
 
 def jr3() -> Recorded:
-    """A FORCES or a MOMENTS frame at 100 Hz; two of them are a wrench."""
+    """JR3: a FORCES or a MOMENTS frame at 100 Hz; two of them make a wrench."""
     bench = jr3_bench.Bench()
     bench.live()
     bench.board.set_wrench((5.0, -3.0, 2.0, 0.3, 0.2, -0.1))
@@ -154,7 +154,7 @@ def jr3() -> Recorded:
 
 
 def pad(model: str) -> Recorded:
-    """A frame of input events."""
+    """Gamepad: a frame of input events."""
     bench = evdev_bench.Bench(model)
     if bench.model.is_gamepad:
         sticks = cycle([(0.1 * i, 0.5, 0.0, -0.05 * i, 0.0, 0.0) for i in range(1, 10)])
@@ -166,7 +166,7 @@ def pad(model: str) -> Recorded:
 
 
 def leap() -> Recorded:
-    """A whole frame of JSON with one hand."""
+    """Leap Motion: a whole JSON frame with one hand."""
     core = LeapCore(LeapOptions(clutch="still"))
     core.on_opened(0.0)
 
@@ -180,7 +180,7 @@ def leap() -> Recorded:
     frames, now_s = [], 0.0
     while now_s < RECORD_S:
         now_s += 0.001
-        if len(frames) == 20:  # An empty view came first.
+        if len(frames) == 20:  # An empty view precedes the hand.
             service.enter("right")
         service.advance(now_s)
         for _, text in service.outgoing():
@@ -191,7 +191,7 @@ def leap() -> Recorded:
 
 
 def _renumbered(frame: bytes) -> Iterator[bytes]:
-    """Repeat a frame with increasing numbers and times, as the core requires."""
+    """Repeat a frame with increasing numbers and times, which the core requires."""
     fields = json.loads(frame)
     first, timestamp_us = fields.pop("id"), fields.pop("timestamp")
     rest = json.dumps(fields, separators=(",", ":")).encode()[1:]
@@ -230,7 +230,7 @@ def _again(reports: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def _turns(device: Recorded) -> Callable[[], object]:
-    """One report and one look at the state, again and again, in the device's own time."""
+    """Feed a report and read the state, in a loop, in the device's own time."""
 
     def run() -> Iterator[object]:
         feed, state, period_s = device.feed, device.core.state, device.period_s

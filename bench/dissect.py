@@ -1,4 +1,4 @@
-"""Cost of a message of EGM in a capture: figures alone, with lines, and decoding it, in turns.
+"""Cost of an EGM message in a capture, measured in turns: figures alone, with lines, and decoding.
 
 The capture is of a session at 250 Hz: a six-axis controller's datagrams and a PC's answers.
 """
@@ -25,7 +25,7 @@ CONTROLLER, PC = (bytes((10, 0, 0, 1)), 50123), (bytes((10, 0, 0, 2)), EGM_PORTS
 
 
 def datagrams() -> list[tuple[bytes, bytes]]:
-    """Return the datagram of a controller and the answer to it, for every cycle."""
+    """Return the controller's datagram and the answer for every cycle."""
     values, found = robot(EULER), []
     for cycle in range(CYCLES):
         seqno, tm_ms = SEQNO + cycle, TM_MS + 4 * cycle
@@ -35,7 +35,7 @@ def datagrams() -> list[tuple[bytes, bytes]]:
 
 
 def packet(time_us: int, source: tuple[bytes, int], to: tuple[bytes, int], data: bytes) -> bytes:
-    """A datagram as a pcap file has it."""
+    """Return a datagram as a pcap record."""
     udp = struct.pack("!HHHH", source[1], to[1], 8 + len(data), 0) + data
     ip = struct.pack("!BxH4xBBxx4s4s", 0x45, 20 + len(udp), 64, 17, source[0], to[0])
     frame = bytes(12) + b"\x08\x00" + ip + udp

@@ -1,10 +1,9 @@
 """Cost of one EGM datagram: our codec against protobuf's parser alone, in turns, in one run.
 
-Protobuf's parser is used as ABBRobotEGM does, and yields no value yet: its client reads them
-afterwards, which is the second line. Given are medians of batches, and their ratio to the first
-line. The datagrams are a six-axis controller's (joints, pose with and without Euler angles,
-clocks, states), the same with everything that RobotWare 7 can add, and one in an order that only
-the general decoder takes.
+Protobuf's parser is used as in ABBRobotEGM. Parsing alone yields no values: reading them is the
+second line. The table has medians of batches and their ratio to the first line. The datagrams are a
+six-axis controller's (joints, pose with and without Euler angles, clocks, states), the same with
+all optional fields of RobotWare 7, and one whose field order only the general decoder accepts.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ TIME_US = 1_700_000_001_208_000
 
 
 def robot(euler: Vector3 | None) -> EgmRobot:
-    """Return the message of a controller of a six-axis robot."""
+    """Return the message of a six-axis robot's controller."""
     motion = EgmMotion(JOINTS, EgmPose(POSITION, ORIENTATION, euler), None, TIME_US)
     return EgmRobot(
         header=EgmHeader(SEQNO, TM_MS, 2),
@@ -79,7 +78,7 @@ def cases() -> dict[str, Callable[[], object]]:
         message.ParseFromString(usual)
         return message
 
-    client = EGM.__new__(EGM)  # without its socket
+    client = EGM.__new__(EGM)  # without opening its socket
     client.send_sequence_number = 0
     degrees = [math.degrees(joint) for joint in JOINTS]
 

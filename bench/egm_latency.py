@@ -1,10 +1,10 @@
-"""EGM datagram in to datagram out: our driver, our session, two public clients, and the floor in
-Python and in C.
+"""Latency from EGM datagram in to datagram out: our driver, our session, two public clients, and
+echo servers in Python and C.
 
-A process plays the controller and asks all of them in turn, in an order that rotates: other load
-of the machine hits all alike. It asks once in 4 ms slots as a controller does (every peer wakes up
-with cold caches), and once without any pause. The session is the real one:
-``cardan run`` with a simulated SpaceMouse that moves.
+One process plays the controller and sends to all of them in rotating order, so that other load of
+the machine affects all alike. One run sends in 4 ms slots as a controller does (every peer wakes up
+with cold caches), another without pauses. The session is the real one: ``cardan run`` with a
+simulated SpaceMouse that moves.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from studies.cartesian.controller import START, datagram, obeyed, session
 
 CYCLES = 5000
 WARM_UP_TURNS = 30
-"""Each is as many cycles as there are responders, so that the first table row is echo's."""
+"""Each turn has as many cycles as there are responders, so that echo's row is the first of the
+table."""
 PERIOD_S = 0.004
 ANSWER_WITHIN_S = 0.5
 
 SESSION = "cardan-session"
-"""Without the arm's model, moving."""
+"""Session without the arm's model, moving."""
 
 MOVING = "session with model"
 
@@ -55,7 +56,7 @@ MOVE = """
 4.1 release left
 4.2 loop
 """
-"""Again and again, as a press from before the robot was there does not count."""
+"""The script repeats, because a press before the robot is connected does not count."""
 
 SESSIONS = {
     SESSION: ("", TOUCH + MOVE),
@@ -63,7 +64,7 @@ SESSIONS = {
     MOVING: (MODEL, TOUCH + MOVE),
     "session with model, holding": (MODEL, TOUCH),
 }
-"""Lines added to the table of the robot, and the motion script of the device."""
+"""Lines added to the robot's table, and the motion script of the device."""
 
 AIMS = (
     Aim("cardan-driver", "ABBRobotEGM", 0.5, "median"),
@@ -75,12 +76,12 @@ AIMS = (
 
 
 ADDED = {"cardan-driver": 12e-6, "cardan-joints": 12e-6}
-"""Most that our driver's medians may be above echo's, s."""
+"""Limit for our driver's median above that of echo, s."""
 
 
 @contextlib.contextmanager
 def responder(kind: str, port: int) -> Iterator[None]:
-    """A responder's process, serving."""
+    """Run a responder's process."""
     process = subprocess.Popen(
         [sys.executable, "-m", "bench.responders", kind, str(port)], stdout=subprocess.PIPE
     )
@@ -95,7 +96,7 @@ def responder(kind: str, port: int) -> Iterator[None]:
 
 
 def _kinds() -> list[str]:
-    """Return the responders that can run here; print why another one cannot."""
+    """Return the responders that can run here; print why the others cannot."""
     try:
         native.built(native.ECHO)
     except native.NotBuiltError as error:
@@ -105,7 +106,7 @@ def _kinds() -> list[str]:
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
-    """Ask every peer `cycles` times, every `period_s`; return the latencies by name."""
+    """Send to every peer `cycles` times, every `period_s`; return the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"EGM datagram in to datagram out, as the controller sees it, {pace}")
     kinds = _kinds()
@@ -115,7 +116,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
     places = dict.fromkeys(SESSIONS, START)
     with contextlib.ExitStack() as stack:
         sockets = []
-        # Sessions take a second to start, and responders end after a pause as long.
+        # Sessions take about a second to start, and responders end after an equally long pause.
         for name in (*SESSIONS, *kinds):
             port = free_ports()
             if name in SESSIONS:
@@ -135,7 +136,8 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
                 name, sock = sockets[(cycle + turn) % len(sockets)]
                 sent = data
                 if not period_s:
-                    # A clock that ran as fast as the cycles would be a wrong one.
+                    # The session checks the controller's clock: it must not run faster than real
+                    # time.
                     time_ms = round(1e3 * (clock() - begin_s))
                     sent = datagram(cycle, places.get(name, START), time_ms=time_ms)
                 elif name in places:
@@ -159,7 +161,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
 
 
 def main() -> None:
-    """Print the tables and how the aims are met."""
+    """Print the tables and whether the aims are met."""
     measure().print(AIMS, ADDED)
     measure(period_s=0.0).print()
 

@@ -1,4 +1,4 @@
-"""Latencies by name, printed as medians, tails and ratios; aims, printed as met or missed."""
+"""Latency figures by name: medians, tails and ratios; aims, printed as met or missed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BATCHES = 101
 def median_costs(
     calls: Mapping[str, Callable[[], object]], batch: int = BATCH, batches: int = BATCHES
 ) -> dict[str, float]:
-    """Median cost of one call by name, s; batches of all calls are taken in turns."""
+    """Median cost of one call by name, s; batches of all functions are measured in turns."""
     costs: dict[str, list[float]] = {name: [] for name in calls}
     clock = time.perf_counter
     for _ in range(batches):
@@ -28,7 +28,7 @@ def median_costs(
 
 
 class Aim(NamedTuple):
-    """`name` shall be at most `factor` times `reference` and `added_s` more, or `factor` seconds
+    """Upper limit for `name`: `factor` times `reference` plus `added_s`, or `factor` seconds
     without a reference."""
 
     name: str
@@ -50,19 +50,19 @@ class Figures:
         self._missed: dict[str, int] = {}
 
     def add(self, name: str, seconds: float) -> None:
-        """Record one duration."""
+        """Record a duration."""
         self._samples.setdefault(name, []).append(seconds)
 
     def miss(self, name: str) -> None:
-        """Record that no answer came."""
+        """Record a missing answer."""
         self._missed[name] = self._missed.get(name, 0) + 1
 
     def missed(self, name: str) -> int:
-        """How often no answer came."""
+        """Number of missing answers."""
         return self._missed.get(name, 0)
 
     def quantile(self, name: str, quantile: str) -> float:
-        """The quantile of what was recorded under `name`, s; NaN when nothing was."""
+        """Return the quantile of the durations under `name`, s; NaN without any."""
         samples = sorted(self._samples.get(name, []))
         if not samples:
             return float("nan")
@@ -71,8 +71,8 @@ class Figures:
     def print(
         self, aims: tuple[Aim, ...] = (), added: Mapping[str, float] = MappingProxyType({})
     ) -> None:
-        """The table, relative to whatever was recorded first; then the aims. `added`: by how much
-        longer than that medians may be, s."""
+        """Return the table, relative to the first recorded name, then the aims. `added`: limits for
+        the excess of medians over that first one, s."""
         names = list(self._samples)
         base = names[0]
         print(f"\n{self.title}\n")

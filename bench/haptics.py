@@ -1,12 +1,12 @@
-"""Force feedback: stability, Z-width, faults as the hand feels them, and timing.
+"""Force feedback: stability, Z-width, force on the hand after faults, and timing.
 
     python -m bench haptics [--pages] [--plots DIR] [--virtual]
 
-All but the timing runs in virtual time: the simulated Omni, its libHD and the compiled tick, with a
-robot at a wall behind a channel that is late, uneven and lossy. The timing is real. Everything is
-printed as docs/stability.md and docs/measurements.md have it between their markers, in their order;
-`--pages` also writes it there, `--plots` draws the pictures, and `--virtual` leaves the timing out,
-for a machine that is busy.
+Everything except the timing runs in virtual time: the simulated Omni, its libHD and the compiled
+tick, with a robot at a wall behind a channel with delay, jitter and loss. The timing runs in real
+time. The tables of docs/stability.md and docs/measurements.md are printed in the pages' order;
+`--pages` also writes them there, `--plots` draws the pictures, and `--virtual` leaves out the
+timing, e.g. on a busy machine.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def main() -> None:
-    """Print the tables, and draw and write where it is asked for."""
+    """Print the tables; write them and draw the pictures if the options say so."""
     directory = _directory(sys.argv[1:])
     began_s = time.monotonic()
     pushed = [

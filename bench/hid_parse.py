@@ -4,8 +4,8 @@
 
 Both get the same reports as bytes, without any I/O: PySpaceMouse's ``read()`` with a stand-in for
 its HID device, Cardan's ``on_report()``, alone and followed by ``state()``, which PySpaceMouse's
-figure includes. Cardan's also watches for silence, gaps and drift. Given are the medians of the
-rounds' means; ratios are PySpaceMouse's cost divided by Cardan's.
+figure includes. Cardan's core also monitors silence, gaps and drift. The table has the medians of
+the rounds' means; ratios are PySpaceMouse's cost divided by Cardan's.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PERIOD_S = 0.016
 
 
 class StubHid:
-    """PySpaceMouse's HID device: gives the reports round and round."""
+    """Stand-in for PySpaceMouse's HID device: returns the reports in a loop."""
 
     def __init__(self, reports: Sequence[bytes]) -> None:
         self._next = cycle(reports).__next__

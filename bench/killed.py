@@ -2,9 +2,9 @@
 
     python -m bench killed
 
-The session is the process of ``cardan run``, driven by a simulated SpaceMouse; the controllers are
-the simulated ones on real sockets. After the kill only the controller's own reaction to missing
-commands stops the arm. Motion is that of the TCP, by the controller's true joints.
+The session is a ``cardan run`` process driven by a simulated SpaceMouse; the controllers are
+simulated, on real sockets. After the kill only the controller's own reaction to missing commands
+stops the arm. Motion is measured at the TCP, from the controller's true joints.
 """
 
 from __future__ import annotations
@@ -39,34 +39,34 @@ SPEEDS_M_S = (0.1, 0.25)
 TIMES = 5
 
 STROKE_S = 1.7
-"""From one stroke of the device to the next; the arm rests for less than a second between them."""
+"""Period of the device's strokes; the arm rests for less than a second between two of them."""
 
 SAMPLE_S = 0.001
 WINDOW_S = 0.06
-"""Speeds are means over this time, many periods of every controller."""
+"""Averaging time of speeds: many periods of every controller."""
 STEADY_S = 0.4
-"""The arm has had its speed for so long when the session is killed."""
+"""Minimum time at full speed before the session is killed."""
 AT_SPEED = 0.9
-"""Share of the speed that counts as having it."""
+"""Share of the commanded speed that counts as full speed."""
 REST_M_S = 0.001
-"""Slower than this the arm rests, and stays at rest for REST_S."""
+"""Speed limit of a resting arm, which has to hold for REST_S."""
 REST_S = 0.5
 WITHIN_S = 120.0
-"""Longest wait for the arm to have its speed, and to rest."""
+"""Timeouts: until the arm has full speed, and until it rests."""
 
 COMM_TIMEOUT_S = 0.2
-"""EGM's, as docs/abb-egm.md sets it."""
+"""Communication timeout of EGM, as docs/abb-egm.md sets it."""
 
 Joints = Callable[[], Sequence[float]]
 
 
 class Robot(NamedTuple):
-    """A simulated controller that serves."""
+    """A running simulated controller."""
 
     peer: SimulatedPeer
     joints: Joints
     tables: dict[str, Any]
-    """Of a session's configuration."""
+    """Tables of the session's configuration."""
 
 
 def _gofa(mode: str) -> Robot:
@@ -86,7 +86,7 @@ def _gp8(mode: str, plant: Literal["ideal", "paper"] = "ideal") -> Robot:
     velocity_mode = mode == "velocity"
     options = MotorosControllerOptions(base_port=0, velocity_mode=velocity_mode, plant=plant)
     peer = MotorosControllerPeer(options)
-    peer.open()  # Its ports are known from now on.
+    peer.open()  # From here on the peer's ports are known.
     robot = {
         "driver": "motoros",
         "mode": mode,
@@ -109,7 +109,7 @@ def _ur5() -> Robot:
 
 
 class Case(NamedTuple):
-    """A robot, and which way its TCP has room."""
+    """A robot, and the direction in which its TCP has room."""
 
     make: Callable[[], Robot]
     arm: str
@@ -129,15 +129,15 @@ ROBOTS: dict[str, Case] = {
 
 @contextlib.contextmanager
 def driven(name: str, speed_m_s: float, folder: Path) -> Iterator[tuple[Robot, dict[str, Any]]]:
-    """A robot of ROBOTS that serves, and the tables of a session with a device at this speed,
-    to and fro without end."""
+    """Run a robot of ROBOTS and yield its tables for a session whose device moves at this speed,
+    back and forth without end."""
     case = ROBOTS[name]
     robot = case.make()
     hand, mouse = folder / "hand", folder / "mouse.sock"
     x, y, z = case.direction
     lines = ["0.1 axes 0.3 0 0 0 0 0", "0.2 neutral"]
-    # Each stroke begins with enabling and re-arming: what has stopped the arm, or its
-    # controller, stops one stroke only.
+    # Each stroke begins with enabling and re-arming, so that a stop of the arm or its controller
+    # ends one stroke only.
     for start_s, sign in ((0.4, 1), (0.4 + STROKE_S, -1)):
         lines += [
             f"{start_s - 0.15:.2f} press right",
@@ -161,7 +161,7 @@ def driven(name: str, speed_m_s: float, folder: Path) -> Iterator[tuple[Robot, d
 
 
 class Watch:
-    """The TCP of an arm, sampled."""
+    """Sampler of an arm's TCP."""
 
     def __init__(self, arm: str, joints: Joints) -> None:
         self._kinematics = ArmKinematics(load_arm(arm))
@@ -185,7 +185,8 @@ class Watch:
         return float(way) / (now_s - self.times[first])
 
     def until(self, speed_ok: Callable[[float], bool], lasting_s: float) -> float:
-        """Sample until the speed was right for `lasting_s`; return the time since when it was."""
+        """Sample until the speed has met the condition for `lasting_s`; return the time since which
+        it did."""
         give_up_s = time.monotonic() + WITHIN_S
         since_s = give_up_s
         while (now_s := time.monotonic()) < since_s + lasting_s:
@@ -196,12 +197,12 @@ class Watch:
 
 
 class RunOn(NamedTuple):
-    """Motion of an arm after its session was killed."""
+    """Motion of an arm after the kill of its session."""
 
     speed_m_s: float
-    """Before the kill."""
+    """Speed before the kill."""
     time_s: float
-    """Until it rested."""
+    """Time until the arm rested."""
     distance_m: float
 
 
@@ -223,13 +224,13 @@ def kill_while_moving(name: str, speed_m_s: float) -> RunOn:
         here, killed_s = watch.points[-1], time.monotonic()
         os.kill(process.pid, signal.SIGKILL)
         rested_s = watch.until(lambda found: found < REST_M_S, REST_S)
-        # The window that was slow enough began this much earlier.
+        # The averaging window had already begun this much earlier.
         stopped_s = max(rested_s - WINDOW_S - killed_s, 0.0)
         return RunOn(had, stopped_s, float(np.linalg.norm(watch.points[-1] - here)))
 
 
 def _run(name: str, speed_m_s: float) -> RunOn:
-    """Run once; again if a busy machine stopped the arm before the session was killed."""
+    """Measure once; repeat if a busy machine stopped the arm before the kill."""
     for _ in range(TIMES):
         with contextlib.suppress(TimeoutError):
             return kill_while_moving(name, speed_m_s)

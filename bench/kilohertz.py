@@ -2,14 +2,14 @@
 
     python -m bench kilohertz [--seconds=60] [--pages]
 
-The session is the process of ``cardan run``: a simulated UR5 in it at 1 kHz, the arm's model with
-at least 35 pairs of bodies, and a SpaceMouse (simulated, in a process of its own) which moves
-the arm in circles. It runs by itself, beside a process that computes all the time, and beside one
-on every processor, each for a minute; a loop in C that only waits does so after it, in each case:
-that is what this computer can do. `--pages` writes the table into docs/measurements.md.
+The session is a ``cardan run`` process: a simulated UR5 at 1 kHz inside it, the arm's model with at
+least 35 pairs of bodies, and a simulated SpaceMouse in a separate process, which moves the arm in
+circles. It runs for a minute in each case: alone, with one busy process, and with one on every
+processor. After each, a C loop that only waits shows what this computer can do. `--pages` writes
+the table into docs/measurements.md.
 
-Lateness is how long after its instant, on an absolute schedule, a cycle begins; an instant is
-missed when the next one is due by then. The answer leaves the later by what the cycle takes.
+Lateness is the delay of a cycle's start after its instant on an absolute schedule; an instant is
+missed if the next one is already due. The answer leaves later by the duration of the cycle.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ PART = "kilohertz"
 
 ARM = "ur5"
 POSTS = 3
-"""Beside the floor: with them a UR5 has 38 pairs."""
+"""Number of posts; with these and the floor a UR5 has 38 pairs."""
 PAIRS = 35
 PERIOD_S = 0.001
 
 WARM_UP_S, SECONDS = 6.0, 60.0
-"""The device moves after one second, and everything has been used once after six."""
+"""Warm-up: the device moves after 1 s, and after 6 s all code has run once."""
 
 LATE_P99_S = 100e-6
-"""Aim."""
+"""Limit for the p99 of the lateness."""
 
 MOTION = """
 0.3 axes 0 0 0.4 0 0 0 over 0.05
@@ -64,27 +64,27 @@ BESIDE = {
     "a busy process": 1,
     "a busy process on every processor": os.cpu_count() or 1,
 }
-"""Number of processes that compute meanwhile, with ordinary scheduling."""
+"""Number of busy processes, with ordinary scheduling."""
 
 
 class Floor(NamedTuple):
-    """A loop in C that only waits for its instants."""
+    """Result of a C loop that only waits for its instants."""
 
     instants: int
     missed: int
     p50_ns: int
-    """Of its lateness."""
+    """Median lateness of the loop."""
     p99_ns: int
 
 
 class Row(NamedTuple):
-    """Measurement of a session beside one kind of load."""
+    """Measurement of a session under one kind of load."""
 
     beside: str
     late_p50_s: float
     late_p99_s: float
     tick_p50_s: float
-    """From a cycle's beginning to its answer's leaving."""
+    """Median time from the start of a cycle until its answer leaves."""
     tick_p99_s: float
     instants: int
     missed: int
@@ -97,7 +97,7 @@ class Row(NamedTuple):
 
 
 def configuration(mouse: str, drive: str = "dynamic") -> SessionConfig:
-    """Of the session; its mouse is at `mouse`."""
+    """Return the session's configuration; `mouse`: path of the simulated SpaceMouse."""
     return parse_config(
         {
             "robot": {"driver": "sim_arm", "robot": ARM, "period_s": PERIOD_S, "drive": drive},
@@ -110,14 +110,14 @@ def configuration(mouse: str, drive: str = "dynamic") -> SessionConfig:
 
 
 def pairs(config: SessionConfig) -> int:
-    """Pairs of bodies that the session's servo keeps apart."""
+    """Number of pairs of bodies in the session's servo."""
     body: Any = make_controller(config, make_robot(config)).commanded
     return len(body.servo.collision.pairs)
 
 
 @contextlib.contextmanager
 def busy(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """So many processes that compute all the time."""
+    """Run `count` busy processes."""
     processes = []
     with contextlib.ExitStack() as running:
         for _ in range(count):
@@ -128,7 +128,7 @@ def busy(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
 
 
 def measure(config: SessionConfig, beside: str, seconds: float) -> Row:
-    """Run the session for so long after its warm-up."""
+    """Run the session for this time after its warm-up."""
     first: list[tuple[Snapshot, float]] = []
     last: list[tuple[Snapshot, float]] = []
 
@@ -165,14 +165,14 @@ def measure(config: SessionConfig, beside: str, seconds: float) -> Row:
 
 
 def measure_floor(seconds: float) -> Floor:
-    """The loop in C, for so long."""
+    """Run the C loop for this time."""
     command = (native.built(native.TIMER), f"{1e6 * PERIOD_S:.0f}", f"{seconds}")
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return Floor(**json.loads(done.stdout))
 
 
 def table(rows: list[Row], conditions: str) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     lines = [
         "| load | lateness, median / p99 | answer after, median / p99 | missed "
         "| CPU of the session | moving | aim | bare loop in C: lateness | missed |",
@@ -191,7 +191,7 @@ def table(rows: list[Row], conditions: str) -> str:
 
 
 def main() -> None:
-    """Measure and print; write where it is asked for."""
+    """Measure and print; with `--pages`, write the table into the page."""
     words = sys.argv[1:]
     given = [word.partition("=")[2] for word in words if word.startswith("--seconds=")]
     seconds = float(given[-1]) if given else SECONDS

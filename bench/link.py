@@ -1,4 +1,4 @@
-"""A link between two computers, one way: what is lost, late, overtaken, sent twice. No I/O."""
+"""One direction of a network link: loss, delay, reordering, duplicates. No I/O."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ class Conditions(NamedTuple):
 
     delay_s: float = 0.0
     jitter_s: float = 0.0
-    """Half of the range in which delays are; each frame has its own."""
+    """Half of the range of delays; each frame draws its own."""
     loss: float = 0.0
     """Probability that a frame is lost."""
     stall_s: float = 0.0
-    """Nothing arrives for so long, then all of it, ..."""
+    """Duration of a stall: nothing arrives, then everything at once, ..."""
     stall_every_s: float = 0.0
-    """... once in so long; 0: never."""
+    """... and the period of stalls; 0: no stalls."""
     rate_bps: float = 0.0
-    """0: not bounded."""
+    """Rate limit; 0: unlimited."""
     queue_bytes: int = 65536
-    """Most that waits before a link whose rate is bounded; what comes then is lost."""
+    """Capacity of the queue before a rate-limited link; excess frames are lost."""
     twice: float = 0.0
-    """Probability that a frame comes twice."""
+    """Probability that a frame is duplicated."""
     in_order: bool = True
-    """A frame that is late holds up those after it; else they overtake it."""
+    """A late frame delays those behind it; else they overtake it."""
     cut: bool = False
-    """All is lost, also what is on its way."""
+    """Everything is lost, including frames in transit."""
 
 
 LOGGED = 4096
-"""Frames that a way remembers: those of the last seconds."""
+"""Number of frames in a way's log: those of the last seconds."""
 
 
 @dataclass
 class Carried:
-    """A frame's times at both ends of a way."""
+    """A frame's send and arrival times."""
 
     sent_s: float
     bytes: int
     came_s: float | None = None
-    """None: it is lost, or on its way."""
+    """None: lost, or in transit."""
 
 
 class Way:
@@ -52,16 +52,16 @@ class Way:
 
     def __init__(self, conditions: Conditions, chosen: random.Random) -> None:
         self.conditions = conditions
-        """May be replaced at any time; what is on its way keeps its time of arrival."""
+        """May be replaced at any time; frames in transit keep their time of arrival."""
         self.counts: Counter[str] = Counter()
-        """Frames "sent", and of these "lost", and "overflowed" before the link."""
+        """Number of frames "sent"; of these "lost", and "overflowed" in the queue."""
         self._chosen = chosen
         self._free_s = self._latest_s = 0.0
         self._coming: list[tuple[float, int, bytes, Carried]] = []
         self._log: deque[Carried] = deque(maxlen=LOGGED)
 
     def send(self, frame: bytes, now_s: float) -> None:
-        """Take a frame."""
+        """Accept a frame for transmission."""
         conditions, chosen = self.conditions, self._chosen
         self.counts["sent"] += 1
         carried = Carried(now_s, len(frame))
@@ -90,11 +90,11 @@ class Way:
 
     @property
     def next_s(self) -> float:
-        """Time of the next arrival; inf: no frame is on its way."""
+        """Time of the next arrival; inf if no frame is in transit."""
         return self._coming[0][0] if self._coming else float("inf")
 
     def arrived(self, now_s: float) -> list[bytes]:
-        """Return the frames that arrived until now and were not returned before, in order."""
+        """Return the frames that have arrived since the last call, in order."""
         frames = []
         while self.next_s <= now_s:
             *_, frame, carried = heapq.heappop(self._coming)
@@ -107,5 +107,5 @@ class Way:
         return frames
 
     def carried(self, since_s: float, until_s: float) -> list[Carried]:
-        """Return what was sent since then and until then, of the last LOGGED frames."""
+        """Return the frames sent in an interval, from the last LOGGED ones."""
         return [each for each in self._log if since_s <= each.sent_s <= until_s]

@@ -1,11 +1,11 @@
-"""MotoROS on loopback: replies, age of velocities at their use, CPU of a session; and a long run.
+"""MotoROS on loopback: reply time, age of velocities at use, CPU time of a session, and a long run.
 
     python -m bench motoros-link
     python -m bench motoros-soak [seconds]
 
-The controller is a process of its own (``cardan sim motoman-gp8``), the session is the one of
-``cardan run`` with a simulated SpaceMouse that moves all the time. Ages are read in the controller,
-in each of its interpolation periods.
+The controller is a separate process (``cardan sim motoman-gp8``), the session is a ``cardan run``
+with a simulated SpaceMouse in continuous motion. Ages are read in the controller, in each of its
+interpolation periods.
 """
 
 from __future__ import annotations
@@ -35,11 +35,12 @@ SECONDS = 10.0
 SOAK_S = 120.0
 SWING_S = 2.0
 STALE_PERIODS = 2.0
-"""A command this many of its periods old was not followed by the next in time."""
+"""Age in interpolation periods above which a command counts as late: the next one missed its
+time."""
 
 
 def swinging(seconds: float) -> str:
-    """A device that never rests: a script of to and fro."""
+    """Motion script without rest: back and forth."""
     lines = ["1.0 axes 0.3 0 0 0 0 0", "1.2 neutral", f"{FIRST_PUSH_S - 0.8} press ctrl"]
     count = int((seconds + FIRST_PUSH_S) / SWING_S) + 2
     for number in range(count):
@@ -50,21 +51,21 @@ def swinging(seconds: float) -> str:
 
 
 class Run(NamedTuple):
-    """A session in velocity mode, from when it moves."""
+    """A session in velocity mode, measured from its first motion."""
 
     ages_s: Array
-    """Of the newest command, in each interpolation period."""
+    """Age of the newest command in each interpolation period."""
     sent: int
     accepted: int
     refused: int
     left: int
-    """Interpolation periods in which velocity mode was not on."""
+    """Number of interpolation periods without velocity mode."""
     cpu_share: float
     snapshot: Snapshot
 
 
 def drive(rate_hz: int, seconds: float, plant: str = "ideal") -> Run:
-    """A session at `rate_hz` for so long."""
+    """Measure a session at `rate_hz` for this time."""
     with tempfile.TemporaryDirectory(prefix="cardan-") as name:
         script = swinging(seconds)
         with peers(Path(name), script, "--plant", plant) as (mouse, port, log):
@@ -77,7 +78,7 @@ def drive(rate_hz: int, seconds: float, plant: str = "ideal") -> Run:
             wall_s, cpu_s = time.monotonic() - began_s, time.process_time() - cpu_s
         rows = read_log(log)
     first = began_s + FIRST_PUSH_S - 0.5
-    # The last periods are the session's own farewell.
+    # The last periods belong to the session's own shutdown.
     moving = (rows["monotonic_s"] > first) & (rows["monotonic_s"] < began_s + wall_s - 0.5)
     ages_s = rows["command_age_s"][moving]
     found = np.isfinite(ages_s)
@@ -93,7 +94,7 @@ def drive(rate_hz: int, seconds: float, plant: str = "ideal") -> Run:
 
 
 def replies() -> Figures:
-    """Request to reply for a plain socket, by kind of request."""
+    """Request-to-reply times of a plain socket, by kind of request."""
     figures = Figures("simple message, request to reply on loopback")
     with (
         tempfile.TemporaryDirectory(prefix="cardan-") as name,
@@ -142,7 +143,7 @@ def main() -> None:
 
 
 def soak() -> None:
-    """Print what became of a long run at 250 Hz; exits with 1 when anything was lost."""
+    """Print the result of a long run at 250 Hz; exit with 1 if anything was lost."""
     seconds = next((float(word) for word in sys.argv[1:] if word.isdecimal()), SOAK_S)
     run = drive(RATES_HZ[-1], seconds)
     lost = run.sent - run.accepted

@@ -1,4 +1,4 @@
-"""The measured parts of pages: what stands between `<!-- name -->` and `<!-- end -->`."""
+"""The measured parts of pages: the text between `<!-- name -->` and `<!-- end -->`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ def begin(name: str) -> str:
 
 
 def marked(name: str, body: str) -> str:
-    """The part as it stands in a page, markers and all."""
+    """Return the part as it stands in a page, including its markers."""
     return f"{begin(name)}\n\n{body.strip()}\n\n{END}"
 
 
 def replaced(page: str, name: str, body: str) -> str:
-    """The page with another body in the part of that name. ValueError: it has none, or two."""
+    """Return the page with a new body in the part of that name. Raises ValueError unless it has
+    exactly one."""
     before, *after = page.split(begin(name))
     if len(after) != 1 or END not in after[0]:
         raise ValueError(f"not one part between {begin(name)} and {END}")
@@ -26,7 +27,7 @@ def replaced(page: str, name: str, body: str) -> str:
 
 
 def rewrite(path: Path, parts: dict[str, str]) -> None:
-    """Replace all those parts of a page. ValueError: one is not there; nothing is written then."""
+    """Replace all parts of a page. Raises ValueError if one is missing; nothing is written then."""
     page = path.read_text(encoding="utf-8")
     for name, body in parts.items():
         page = replaced(page, name, body)

@@ -1,14 +1,15 @@
-"""Cost of a servo tick of published arms, beside the same with Pinocchio, Coal and daqp.
+"""Cost of a servo tick on published arms, compared with Pinocchio, Coal and daqp.
 
     python -m bench published-tick [--pages]
 
-The arms are eleven of the wheel example-robot-data, with the shapes that are fitted to their
-meshes and the pairs of these that are kept apart. Both are timed in C or C++, call upon call and in
-turns within one run, on the same goals: a TCP that wanders at 0.1 m/s. Both keep the limits of
-speed, acceleration and range, and have a row in their program for each pair that could come too
-near. The peer (bench/native/pinocchio_daqp.cpp) has Coal's distances of the same shapes: they are
-compared before, and its arm has to follow the goal. Cardan's kernel finds the smallest singular
-value and the speed along the path besides. "From Python" is its tick as a session calls it.
+The arms are eleven from the wheel example-robot-data, with shapes fitted to their meshes and the
+pairs of these that are kept apart. Both are timed in C or C++, in back-to-back calls and in turns
+within one run, on the same goals: a TCP that wanders at 0.1 m/s. Both respect the limits of speed,
+acceleration and range, and their quadratic program has a row for each pair that could come too
+near. The peer (bench/native/pinocchio_daqp.cpp) uses Coal's distances of the same shapes; before
+timing, these are compared and the peer's arm has to follow the goal. Cardan's kernel also computes
+the smallest singular value and the speed along the path. "From Python" is its tick as a session
+calls it.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ from tests.published_arms import ARMS, INSTALL, Published
 PART = "published tick"
 ROUNDS, CALLS = 20, 400
 FOLLOWED_TICKS, SLOWLY = 200, 0.2
-"""Ticks that a peer has to follow before it is timed, and its share of the pace: the joints of some
-arms are too slow for the full pace."""
+"""Number of ticks in which a peer has to follow the goal before it is timed, and the share of the
+speed in them: the joints of some arms are too slow for the full speed."""
 
 SAME_M = 1e-6
-"""Of a distance of Coal, called from Python and from C++: it iterates."""
+"""Tolerance of Coal's distances between Python and C++: Coal iterates."""
 
 AT_END = 1e-9
-"""Of a joint's range, rad or m."""
+"""Tolerance at the end of a joint's range, rad or m."""
 
 MOST_US, MOST_TIMES = 8.0, 2.0
 
@@ -59,7 +60,7 @@ class Found(NamedTuple):
     joints: int
     pairs: int
     rows: int
-    """Most in a program of the peer."""
+    """Largest number of rows in a program of the peer."""
     python: tuple[float, float]
     kernel: tuple[float, float]
     peer: tuple[float, float]
@@ -70,7 +71,7 @@ class Found(NamedTuple):
         return self.kernel[0] / self.peer[0]
 
     def row(self) -> list[str]:
-        """Of the table."""
+        """Row of the table."""
         each = [f"{a:.1f} / {b:.1f}" for a, b in (self.python, self.kernel, self.peer)]
         counts = map(str, (self.joints, self.pairs, self.rows))
         return [self.name, *counts, *each, f"{self.times:.2f}"]
@@ -104,7 +105,8 @@ class Bench:
         return float(np.abs(away * np.array(self.arm.arm.task.weights)).max())
 
     def _require_the_same(self) -> None:
-        """Check that the timed peer has the distances of Coal from Python, and follows its goal."""
+        """Check that the timed peer has Coal's distances as seen from Python, and follows its
+        goal."""
         peer, goal = self._surrounded(), self.start
         for tick in range(FOLLOWED_TICKS):
             q = peer.q
@@ -115,13 +117,13 @@ class Bench:
                 raise RuntimeError(f"{self.name}: distances differ by {difference:.2g} m")
         q, off = peer.q, self._off(peer.q, goal)
         room = np.minimum(q - self.arm.lower, self.arm.upper - q)
-        # A pair or the end of a joint's range may keep it from there.
+        # A pair or the end of a joint's range may keep the arm from its goal.
         follows = off < FOLLOWS or peer.rows > 0 or room.min() < AT_END
         if not (follows and room.min() > -AT_END):
             raise RuntimeError(f"the peer does not follow the goal of {self.name}: {off:.2g} away")
 
     def measure(self) -> Found:
-        """All in turns, each with an arm of its own."""
+        """Measure all steps in turns, each on a separate arm."""
         steps: dict[str, Timed] = {
             "python": _tick(self._servo()),
             "kernel": _kernel(self._servo()),
@@ -161,7 +163,7 @@ def _verdict(found: list[Found]) -> str:
 
 
 def main() -> None:
-    """Print the table; write it where it is asked for."""
+    """Print the table; with `--pages`, write it into the page."""
     try:
         importlib.metadata.distribution("example-robot-data")
         native.built(native.PINOCCHIO_DAQP)

@@ -1,7 +1,7 @@
 """Cost of recording in a session's loop: `python -m bench recording`.
 
-A session of a simulated UR5 at 250 Hz on the bus. `cardan net record` comes and goes in a process
-of its own; both states take turns within one run.
+A session of a simulated UR5 at 250 Hz on the bus, with and without `cardan net record` (a separate
+process), in turns within one run.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from cardan.types import RobotCommand, RobotState
 
 TURN_S, TURNS = 6.0, 4
 SETTLE_S = 6.0
-"""Before the first turn: a session keeps cycles for recorders that are found late."""
+"""Wait before the first turn: a new session keeps cycles for recorders that are discovered late."""
 
 OFF, ON = "not recorded", "recorded"
 
 
 class _Timed(SimArm):
-    """Notes what each cycle of its loop takes."""
+    """Recorder of the duration of each cycle of a session's loop."""
 
     rows: ClassVar[list[tuple[bool, float, float]]] = []
-    """True if it was tapped; the time to the answer; the time of the whole cycle, s."""
+    """Per cycle: True if recorded; time until the answer; time of the whole cycle, s."""
 
     def cycles(self) -> Any:
         return self._timed()

@@ -3,21 +3,21 @@
     python -m bench remote [--acts=100] [--pages]
 
 This process plays the device and the robot's controller: it writes a SpaceMouse's reports into a
-socket, and asks sessions by EGM, once in 4 ms, as a controller does. Measured are the times from
-the report that deflects the device to the first answer that moves the arm, and from the report
-that releases the dead-man button to the last answer that moves it on, by SWING_M.
+socket, and asks sessions by EGM, once in 4 ms, as a controller does. Two times are measured: from
+the report that deflects the device to the first answer that moves the arm, and from the report that
+releases the dead-man button to the last answer that moves the arm by SWING_M or more.
 
-Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one
-by the messages of ROS 2's spacenav_node (:mod:`bench.spacenav_node`) on the same router. For
-that one this process is spacenavd, and takes no time. All run side by side and are moved in turns,
-each at the same phases of the robot's cycle.
+Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one by
+the messages of ROS 2's spacenav_node (:mod:`bench.spacenav_node`) on the same router. For the third
+one this process plays spacenavd, without delay. All run side by side and are moved in turns, each
+at the same phases of the robot's cycle.
 
-Networks: ``cardan devices share`` is at one computer, router and session are at another, both made
-of network namespaces, and between them is a link (:mod:`bench.two_computers`). It is a model of
-those networks, and not one of them; TCP and UDP over it are the kernel's. Each is measured by TCP,
-and by QUIC, as ``cardan net pair --quic`` joins the two. "Beyond the network" is less what the link
-took for the first frame since the act, and less the same quantile of the session that reads the
-device itself; the aim for rest has the link's constant delay in it.
+Networks: ``cardan devices share`` runs on one computer, router and session on another, both made of
+network namespaces, with a link between them (:mod:`bench.two_computers`). The link is a model; TCP
+and UDP over it are the kernel's. Each network is measured over TCP, and over QUIC as set up by
+``cardan net pair --quic``. "Beyond the network" means: minus the link's transit time of the first
+frame after the operator's action, and minus the same quantile of the session that reads the device
+itself. The limit for rest includes the link's constant delay.
 
 `--pages` writes the tables into docs/measurements.md.
 """
@@ -68,33 +68,35 @@ BEYOND = "beyond the network"
 ACTS = 100
 PERIOD_S = 0.004
 REPORT_S = 0.008
-"""A SpaceMouse's, while it is deflected."""
+"""Report period of a SpaceMouse while it is deflected."""
 COUNTS = 150
 STROKE_S = 0.4
-"""For so long the arm moves before the button is let go."""
+"""Duration of motion before the button is released."""
 REST_S = 0.1
-"""An arm that was not moved for so long, and longer than the network can stand still, rests."""
+"""Time without motion after which an arm is at rest; longer than a stall of the network."""
 STILL_S = 0.05
-"""An arm whose place has been the same for so long stands still."""
+"""Time without a change of position after which an arm stands still."""
 PAUSE_S = 0.3
-"""At rest, with the button held, before the device is deflected."""
+"""Pause at rest, with the button held, before the device is deflected."""
 SWING_M = 1e-3
-"""The robot obeys at once: where an answer is a cycle late, it swings about the place of its rest,
-by less than this, for up to a second. At its speed the arm goes so far in 10 ms."""
+"""Threshold of progress. The robot obeys at once: if an answer is a cycle late, the arm oscillates
+about its rest position with a smaller amplitude, for up to a second. At full speed it moves this
+far in 10 ms."""
 SWING_WITHIN_S = 0.1
-"""An arm that moves goes on by SWING_M sooner; one that brakes from this speed, by less than it."""
+"""Longest time in which a moving arm advances by SWING_M; an arm braking from full speed advances
+by less than SWING_M."""
 GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
 READY_WITHIN_S, ACT_WITHIN_S = 60.0, 5.0
 PAIRED_WITHIN_S = 20.0
 
 EGM_PORT: Final = 6510
-"""Of the session at the robot's computer."""
+"""Port of the session at the robot's computer."""
 ROUTER_PORT: Final = 7447
 
 ADDED_S: Final = 1.0e-3
-"""Most that a shared device may add to the median of a local one."""
+"""Limit for the median that sharing adds to a local device."""
 OF_SPACENAV: Final = 0.5
-"""Most of what spacenav_node adds."""
+"""Limit for the same, as a share of what spacenav_node adds."""
 
 
 class Network(NamedTuple):
@@ -102,17 +104,17 @@ class Network(NamedTuple):
 
     name: str
     link: Conditions
-    """Each way."""
+    """Conditions in each direction."""
     max_age_s: float
-    """Of the driver, as docs/remote.md would have it set."""
+    """Age limit of the driver, as docs/remote.md recommends."""
     aim_ms: tuple[float, float]
-    """Median and p99 from the device to the arm, beyond the network."""
+    """Limits for the median and p99 from the device to the arm, beyond the network."""
     rest_s: float
-    """Aim from letting go to rest, with the constant delay."""
+    """Limit for the time from release to rest, including the constant delay."""
 
     @property
     def in_words(self) -> str:
-        """For a table."""
+        """Description of the link for a table."""
         link = self.link
         words = [f"{1e3 * link.delay_s:g}"]
         if link.jitter_s:
@@ -140,17 +142,18 @@ NETWORKS: Final = (
 
 
 TCP, TLS, QUIC = "TCP", "TLS", "QUIC"
-"""How the two computers are joined: by the router's endpoint alone, or paired."""
+"""Connections of the two computers: to the router's endpoint alone, or paired."""
 WAYS: Final = (TCP, QUIC)
-"""Those that are measured."""
+"""Ways that are measured."""
 
 
 class HandHeld(ABC):
-    """A device that this process holds."""
+    """A device played by this process."""
 
     buttons = axis = False
     counts = COUNTS
-    """Of the deflection; strokes go to and fro, so that none comes to the end of the workspace."""
+    """Deflection in counts; its sign alternates, so that no stroke reaches the edge of the
+    workspace."""
 
     @abstractmethod
     def report(self) -> None:
@@ -169,7 +172,7 @@ class Mouse(HandHeld):
         self._said = (False, False)
 
     def report(self) -> None:
-        """As the device does: its buttons when they change, its axes."""
+        """Send reports like the device: buttons on change, and axes while deflected."""
         with contextlib.suppress(BlockingIOError):
             self._readers.append(self._socket.accept()[0])
         packets = [encode_motion(0, self.counts if self.axis else 0, 0, 0, 0, 0)]
@@ -177,19 +180,19 @@ class Mouse(HandHeld):
             packets.insert(0, encode_buttons(int(self.buttons), 3))
         if self.axis or (self.axis, self.buttons) != self._said[::-1]:
             for reader in self._readers:
-                with contextlib.suppress(OSError):  # A stopped reader: as a full buffer's.
+                with contextlib.suppress(OSError):  # The buffer of a stopped reader is full.
                     for packet in packets:
                         reader.send(packet, socket.MSG_DONTWAIT)
         self._said = (self.buttons, self.axis)
 
     def close(self) -> None:
-        """Unplug it."""
+        """Unplug the device."""
         for each in (*self._readers, self._socket):
             each.close()
 
 
 class Spacenavd(HandHeld):
-    """The daemon whose events spacenav_node polls."""
+    """The daemon that spacenav_node polls for events."""
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX)
@@ -219,7 +222,7 @@ class Spacenavd(HandHeld):
             self._node.send(EVENT.pack(kind, word, 0, 0, 0, 0, 0, 0))
 
     def close(self) -> None:
-        """End the connection, and with it the node."""
+        """Close the connection, which ends the node, too."""
         for each in (self._node, self._socket):
             if each is not None:
                 each.close()
@@ -240,10 +243,11 @@ def spacenav_node(path: str, router: str) -> Iterator[Spacenavd]:
 
 
 class Robot:
-    """A controller that a session answers, and whose arm obeys at once."""
+    """A controller that receives a session's answers, and whose arm obeys at once."""
 
     def __init__(self, port: int, device: HandHeld, datagrams: socket.socket | None = None) -> None:
-        """`datagrams`: a socket of the computer where the session is; None: of this one."""
+        """`datagrams`: socket in the namespace of the session's computer; None: one of this
+        computer."""
         self.device = device
         self.socket = datagrams or socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.connect(("127.0.0.1", port))
@@ -252,7 +256,7 @@ class Robot:
         self.moved_s = 0.0
         """Time of the last answer that moved the arm."""
         self.went_s = 0.0
-        """Time of the last that had moved it on by SWING_M."""
+        """Time of the last answer that moved the arm by SWING_M or more."""
         self._went = _position(START)
 
     def ask(self, cycle: int) -> None:
@@ -273,14 +277,14 @@ class Robot:
 
 
 def _position(place: EgmMotion) -> Vector3:
-    """Of the TCP, m."""
+    """Return the position of the TCP, m."""
     assert place.cartesian is not None
     assert place.cartesian.pos is not None
     return place.cartesian.pos
 
 
 class Stroke(NamedTuple):
-    """Times of an act of the operator, and of what the arm did by it, s."""
+    """Times of an operator's action and of the arm's reaction, s."""
 
     begun_s: float
     moved_s: float
@@ -289,17 +293,18 @@ class Stroke(NamedTuple):
 
     @property
     def moves_s(self) -> float:
-        """Until the arm moves."""
+        """Time until the arm moves."""
         return self.moved_s - self.begun_s
 
     @property
     def rests_s(self) -> float:
-        """From the button's release until the arm rests."""
+        """Time from the button's release until the arm rests."""
         return self.rested_s - self.released_s
 
 
 class Cell:
-    """All robots, asked at their pace, and the operator, who acts at any instant."""
+    """All robots, which send their states at their own rate, and the operator, who acts at any
+    phase."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
@@ -310,13 +315,13 @@ class Cell:
         self._slot_s = self._reported_s = time.monotonic()
         self._random = random.Random(0)
         self._strokes: Counter[Robot] = Counter()
-        """Those that were begun, by robot."""
+        """Number of strokes begun, by robot."""
 
     def play(self, till_s: float) -> float:
-        """Go on until `till_s`; return the time."""
+        """Run until `till_s`; return the time."""
         while (now_s := time.monotonic()) < till_s:
             if now_s >= self._slot_s:
-                # A controller's clock does not wait for a busy computer: its cycles are missed.
+                # A controller's clock does not wait for a busy computer: the cycles are skipped.
                 cycles = 1 + int((now_s - self._slot_s) / PERIOD_S)
                 self._cycle += cycles
                 self._slot_s += cycles * PERIOD_S
@@ -332,7 +337,7 @@ class Cell:
         return now_s
 
     def wait(self, seconds: float) -> float:
-        """Go on for so long, and at most a cycle more: acts come at any instant of it."""
+        """Run for this time plus a random part of a cycle, so that actions fall at any phase."""
         return self.play(time.monotonic() + seconds + self._random.uniform(0.0, PERIOD_S))
 
     def moved_after(self, robot: Robot, since_s: float) -> float | None:
@@ -345,21 +350,21 @@ class Cell:
         return robot.moved_s
 
     def rested_after(self, robot: Robot, since_s: float, rest_s: float) -> float:
-        """Return the time of the last motion, but for a swing."""
+        """Return the time of the last motion, ignoring oscillation at rest."""
         self.wait(rest_s)
         while (now_s := time.monotonic()) < max(since_s, robot.went_s) + rest_s:
             self.play(now_s + REST_S)
         return robot.went_s
 
     def await_phase(self, robot: Robot) -> None:
-        """Go on until a phase of the robot's cycle: all of them in turn, and the same for each
-        robot, so that the wait for the next cycle is the same in all medians."""
+        """Run until the next phase of the robot's cycle. All robots get the same sequence of
+        phases, so that the wait for the next cycle contributes equally to all medians."""
         phase = self._strokes[robot] * GOLDEN % 1.0
         self._strokes[robot] += 1
         self.play(self._slot_s + PERIOD_S * (1.0 + phase))
 
     def act(self, robot: Robot, **what: bool) -> float:
-        """Have the operator do it, now; returns when."""
+        """Perform the operator's action now; return its time."""
         for name, value in what.items():
             setattr(robot.device, name, value)
         now_s = time.monotonic()
@@ -367,7 +372,7 @@ class Cell:
         return now_s
 
     def make_ready(self, robot: Robot, rest_s: float) -> None:
-        """Deflect, let go, and press, until the arm follows. RuntimeError: it does not."""
+        """Deflect, release and press until the arm follows. Raises RuntimeError if it does not."""
         end_s = time.monotonic() + READY_WITHIN_S
         while time.monotonic() < end_s:
             for what in ({"axis": True}, {"axis": False}, {"buttons": True}, {"axis": True}):
@@ -382,10 +387,10 @@ class Cell:
         raise RuntimeError("a session does not follow its device")
 
     def stroke(self, robot: Robot, rest_s: float) -> Stroke | None:
-        """Have the arm move and rest; None: it did not move."""
+        """Move the arm and bring it to rest; return None if it did not move."""
         self.act(robot, buttons=True)
         self.wait(PAUSE_S + rest_s)
-        # An arm that swings still would count as moved by the act.
+        # An arm that still oscillates would count as moved by the action.
         end_s = time.monotonic() + ACT_WITHIN_S
         while (now_s := time.monotonic()) < min(robot.moved_s + STILL_S, end_s):
             self.play(now_s + PERIOD_S)
@@ -412,7 +417,7 @@ def session(
     device_age_s: float = 0.1,
     at: Sequence[str] = (),
 ) -> Iterator[None]:
-    """``cardan run``, for a robot that asks at `port`; `at`: put before the command."""
+    """Run ``cardan run`` for a robot that sends to `port`; `at`: prefix of the command."""
     config = folder / f"session-{port}.toml"
     config.write_text(
         f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n\n[device]\n{device}\n\n'
@@ -435,7 +440,8 @@ def session(
 def shared(
     folder: Path, mouse: str, way: Sequence[str], at: Sequence[str] = ()
 ) -> Iterator[CardanSubprocess]:
-    """``cardan devices share``, of the mouse, by the options `way`; `at`: before the command."""
+    """Run ``cardan devices share`` for the mouse with the options `way`; `at`: prefix of the
+    command."""
     config = folder / "operator.toml"
     config.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{mouse}"\n')
     words = ("devices", "share", str(config), *way, "--name", "mouse")
@@ -452,7 +458,7 @@ def remote(router: str, more: str = "") -> str:
 
 
 def measure_speed(acts: int) -> Figures:
-    """From the device's bytes to motion, three ways."""
+    """Measure the time from the device's bytes to motion, for three kinds of sessions."""
     figures = Figures("From the device's report to the answer that moves the arm")
     with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
         folder = Path(name)
@@ -494,29 +500,30 @@ def measure_speed(acts: int) -> Figures:
 
 
 class RemoteLab(NamedTuple):
-    """A device at one computer, and the arm that it moves at the other."""
+    """A device on one computer, and the arm that it moves on the other."""
 
     cell: Cell
     robot: Robot
     both: TwoComputers
     routers: list[CardanSubprocess]
-    """At the robot's computer: the one that runs is the last."""
+    """Routers started on the robot's computer; the last one is running."""
     router_way: Sequence[str]
     """The router's options."""
 
     def start_router(self) -> None:
-        """Start it, once no other runs."""
+        """Start a router; no other may be running."""
         words = ("net", "server", "router", *self.router_way)
         self.routers.append(CardanSubprocess(*words, at=self.both.at(ROBOT)))
 
     def end_routers(self) -> None:
-        """End all that run."""
+        """Stop all routers."""
         for router in self.routers:
             router.end()
 
 
 def paired(folder: Path, both: TwoComputers, *options: str) -> tuple[str, str]:
-    """Pair the two computers; Zenoh's files of the router's and of the operator's."""
+    """Pair the two computers; return the paths of Zenoh's files for the router and for the
+    operator."""
     state = {at: folder / at for at in (ROBOT, OPERATOR)}
 
     def command(at: str, *words: str) -> subprocess.Popen[str]:
@@ -547,7 +554,7 @@ def paired(folder: Path, both: TwoComputers, *options: str) -> tuple[str, str]:
 
 @contextlib.contextmanager
 def remote_lab(network: Network, way: str = TCP) -> Iterator[RemoteLab]:
-    """Both, with that network between them; `way`: TCP, TLS or QUIC."""
+    """Run both computers with that network between them; `way`: TCP, TLS or QUIC."""
     with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
         folder = Path(name)
         both = stack.enter_context(two_computers(network.link, network.link))
@@ -575,18 +582,18 @@ def remote_lab(network: Network, way: str = TCP) -> Iterator[RemoteLab]:
 
 
 def transit_s(both: TwoComputers, stroke: Stroke, delay_s: float) -> float:
-    """Return the time in transit of the first frame that left the operator's computer after the act
-    had begun, whatever is in it: the state, or an acknowledgment just before it.
+    """Return the transit time of the first frame that left the operator's computer after the
+    action, whether it carries the state or an earlier acknowledgment.
 
-    One behind frames that stand still takes as long as they do. Where it is lost this is `delay_s`:
-    what a protocol takes to send it anew is the protocol's.
+    A frame queued behind stalled ones includes their wait. For a lost frame the result is
+    `delay_s`, because the retransmission time is the protocol's.
     """
     first = next(iter(both.carried(ROBOT, stroke.begun_s, stroke.moved_s)), None)
     return delay_s if first is None or first.came_s is None else first.came_s - first.sent_s
 
 
 def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Figures]:
-    """Until motion, and until rest, over it, that `way`."""
+    """Measure the times until motion and until rest over that network, connected by `way`."""
     moves, rests = Figures(network.name), Figures(network.name)
     with remote_lab(network, way) as (cell, robot, both, *_):
         rest_s = network.longest_s
@@ -596,7 +603,7 @@ def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Fig
                 moves.miss(REMOTE)
                 continue
             beyond_s = took.moves_s - transit_s(both, took, network.link.delay_s)
-            if beyond_s < 0.0:  # A swing: of the act nothing had arrived.
+            if beyond_s < 0.0:  # Oscillation: nothing of the action had arrived yet.
                 moves.miss(REMOTE)
                 continue
             moves.add(REMOTE, took.moves_s)
@@ -617,8 +624,13 @@ def _router() -> Iterator[str]:
 
 
 def speed_table(figures: Figures, conditions: str) -> str:
+<<<<<<< HEAD
     """As docs/measurements.md has it."""
     lines = ["| device | median | p99 | beyond local, median |", "|---|---|---|---|"]
+=======
+    """Return the table of docs/measurements.md."""
+    lines = ["| the device | median | p99 | beyond local, median |", "|---|---|---|---|"]
+>>>>>>> txtc
     local_s = figures.quantile(LOCAL, "median")
     added = {}
     for name in (LOCAL, REMOTE, SPACENAV):
@@ -639,7 +651,7 @@ def speed_table(figures: Figures, conditions: str) -> str:
 
 
 def network_table(rows: list[tuple[Network, str, Figures, Figures]], local: Figures) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     lines = [
         "| network | by | delay, jitter, lost, stands still | device to arm beyond the network, "
         "median / p99 | aim | beyond its delay alone | strokes that do not count "
@@ -669,7 +681,7 @@ def network_table(rows: list[tuple[Network, str, Figures, Figures]], local: Figu
 
 
 def main() -> None:
-    """Measure and print; write where it is asked for."""
+    """Measure and print; with `--pages`, write the tables into the page."""
     words = sys.argv[1:]
     given = [word.partition("=")[2] for word in words if word.startswith("--acts=")]
     acts = int(given[-1]) if given else ACTS

@@ -1,6 +1,7 @@
-"""Responders to datagrams in the latency benchmark, each in a process of its own.
+"""Responders of the latency benchmark, each run in a separate process.
 
-``python -m bench.responders KIND PORT`` prints READY and answers until no more requests come.
+``python -m bench.responders KIND PORT`` prints READY and answers until no request has come for
+IDLE_S.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from typing import Literal
 C_ECHO = "echo in C"
 
 IDLE_S = 20.0
-"""Without a datagram for so long the run is over."""
+"""Time without a datagram after which a responder ends."""
 
 
 def echo(port: int) -> None:
-    """The floor: CPython receives a datagram and sends it back."""
+    """Baseline: CPython receives a datagram and sends it back."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", port))
         sock.settimeout(IDLE_S)
@@ -32,7 +33,7 @@ def echo(port: int) -> None:
 
 
 def c_echo(port: int) -> None:
-    """Echo in C: a lower bound of the latency of ABB's own library, which is C++."""
+    """Echo in C: a lower bound for the latency of ABB's own C++ library."""
     from bench import native
 
     program = str(native.built(native.ECHO))
@@ -40,12 +41,12 @@ def c_echo(port: int) -> None:
 
 
 def cardan_driver(port: int) -> None:
-    """Our driver alone, told to be where it is."""
+    """Our driver alone; the command is the measured position."""
     _cardan(port, "pose")
 
 
 def cardan_joints(port: int) -> None:
-    """The same in joint mode."""
+    """Our driver alone in joint mode."""
     _cardan(port, "joint")
 
 
@@ -70,7 +71,7 @@ def _cardan(port: int, mode: Literal["pose", "joint"]) -> None:
 
 
 def abb_robot_egm(port: int) -> None:
-    """PyPI's ABBRobotEGM, as its examples use it."""
+    """ABBRobotEGM from PyPI, used as in its examples."""
     from ABBRobotEGM import EGM
 
     with EGM(port) as egm:
@@ -83,7 +84,7 @@ def abb_robot_egm(port: int) -> None:
 
 
 def abb_robot_client(port: int) -> None:
-    """PyPI's abb-robot-client, as its examples use it."""
+    """abb-robot-client from PyPI, used as in its examples."""
     from abb_robot_client.egm import EGM
 
     egm = EGM(port)

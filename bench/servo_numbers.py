@@ -2,8 +2,8 @@
 
     python -m bench servo-numbers [random ticks, default 1000000]
 
-Every row prints the aim and whether it was met; the plain damped-least-squares step runs the same
-lines where it can.
+Every row prints the aim and whether it is met; the plain damped-least-squares step runs the same
+lines where possible.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Row(NamedTuple):
 
 
 class Drive:
-    """A servo whose goal is kept as a session keeps it."""
+    """A servo with a goal that advances as in a session."""
 
     def __init__(self, servo: AnyServo) -> None:
         self.servo = servo
@@ -72,7 +72,7 @@ def _servo(arm: ArmKinematics, q_deg: Sequence[float] | None, **options: Any) ->
 
 
 class Line(NamedTuple):
-    """A straight line with a turn, from a configuration."""
+    """A straight line with a turn, from a given configuration."""
 
     name: str
     start_deg: tuple[float, ...]
@@ -119,7 +119,7 @@ class Run(NamedTuple):
 
 
 def _follow(arm: ArmKinematics, line: Line, policy: Policy | None) -> Run:
-    """With Cardan under `policy`, or with the plain step where that is None."""
+    """Run the line with Cardan's servo under `policy`, or with the plain step if it is None."""
     duration_s = line.length_m / LINE_M_S
     drive = Drive(_servo(arm, line.start_deg, policy=policy or Policy.PATH))
     plain = DampedLeastSquares(arm)
@@ -298,7 +298,8 @@ def _turns() -> Row:
 
 
 def _sag() -> Row:
-    """The measured arm hangs 1 degree low in every joint; what is commanded must not sink."""
+    """Sag: the measured arm hangs 1 degree low in every joint; the commanded position must not
+    sink."""
     arm = kinematics("ur5")
     servo = _servo(arm, None)
     reference = Reference(ReferenceLimits(max_lead_m=0.2))
@@ -323,7 +324,7 @@ def _sag() -> Row:
 
 
 def _clutch() -> Row:
-    """Let go and take up again anywhere, also outside the limits: nothing may step."""
+    """Re-engagement at any position, also outside the limits: no step in the command."""
     arm = ArmKinematics(load_arm("ur5"))
     servo, generator, worst = _servo(arm, None), np.random.default_rng(7), 0.0
     span = arm.upper - arm.lower

@@ -2,18 +2,18 @@
 
     python -m bench servo-tick [--pages]
 
-All are measured in turns within one run, each call alone, on the same goals: a TCP that wanders at
-0.1 m/s. Cardan's tick is whole: forward kinematics, Jacobian, singular value, limits of speed,
+All are measured call by call, in turns within one run, on the same goals: a TCP that wanders at 0.1
+m/s. Cardan's tick is complete: forward kinematics, Jacobian, singular value, limits of speed,
 acceleration and range, the distances of 35 pairs, and the quadratic program. The others do less:
 the plain step scales and clips, pink has limits but no distances, KDL has neither.
 
-Rows "in C" are timed inside C, as a caller in C++ would see them (bench/native): Cardan's kernel
-with its 35 pairs and without any, a step with Pinocchio and daqp that has pink's task and limits,
-and KDL. The first run builds them; it names the parts that cannot be built.
+Rows "in C" are timed inside C, as a C++ caller would see them (bench/native): Cardan's kernel with
+its 35 pairs and without any, a step with Pinocchio and daqp that has pink's task and limits, and
+KDL. The first run builds them and names the parts that cannot be built.
 
-Each is measured twice: call upon call, and once every 4 ms as a session calls it, when the rest of
-the machine has had the caches; that with real-time scheduling where the user may have it, so that
-the tick is measured, and not other processes that wait for the processor.
+Each is measured twice: in back-to-back calls, and paced at one call every 4 ms as in a session,
+when other processes have used the caches. Paced calls use real-time scheduling if the user has the
+right to it, so that waiting for the processor is not counted.
 """
 
 from __future__ import annotations
@@ -56,21 +56,22 @@ DT_S = 0.002
 PAIRS = 35
 ROUNDS, CALLS = 12, 400
 FOLLOWS = 1e-4
-"""m and rad; a peer that is farther from its goal does not do the same."""
+"""Tolerance for following the goal, m and rad; a peer with a larger error does not do the same
+work."""
 PACE_S = 0.004
 PACED_ROUNDS, PACED_CALLS = 10, 100
 POSES = 1000
 
 Step = Callable[[Any, Pose], object]
-"""Takes one tick towards a goal, given as a placement and as a pose."""
+"""Function that runs one tick towards a goal, given as a placement and as a pose."""
 
 Timed = Callable[[Any, Pose], float]
-"""Takes one such tick; returns its duration, s."""
+"""Function that runs one such tick and returns its duration, s."""
 
 ARMS = {"ur5": "UR5", "pr2_right_arm": "PR2 arm"}
 
 Figures = dict[str, tuple[tuple[float, float], tuple[float, float]]]
-"""Median and 99th percentile, µs, call upon call and paced, by what was measured."""
+"""Median and 99th percentile, µs, back to back and paced, by subject."""
 
 PAGE = Path(__file__).parents[1] / "docs/measurements.md"
 PART = "servo tick"
@@ -90,7 +91,7 @@ def _timed(step: Step) -> Timed:
 
 
 def _cardan(kind: type[AnyServo], name: str, rows: int, pairs: int = PAIRS) -> AnyServo:
-    """Cardan's servo with at least `rows` closing pairs in every program."""
+    """Cardan's servo with at least `rows` closing pairs in every quadratic program."""
     arm = kinematics(name)
     collision = shorten(CollisionModel(arm, surroundings()), pairs)
     home = np.array(arm.arm.home)
@@ -104,12 +105,12 @@ def _cardan(kind: type[AnyServo], name: str, rows: int, pairs: int = PAIRS) -> A
 
 
 def _tick(servo: AnyServo) -> Timed:
-    """Its tick, as Python calls it."""
+    """Run the tick as Python calls it."""
     return _timed(lambda goal, pose: servo.tick(pose, (ZERO3, ZERO3), DT_S))
 
 
 def _kernel(servo: AnyServo) -> Timed:
-    """Its kernel's tick, as C calls it."""
+    """Run the kernel's tick as C calls it."""
     assert isinstance(servo, CompiledServo)
     step, kernel = native.kernel_step(), servo._handle
     address = ctypes.cast(servo._library.kernel_tick, ctypes.c_void_p).value
@@ -124,7 +125,8 @@ def _kernel(servo: AnyServo) -> Timed:
 
 
 def _peers(name: str) -> tuple[dict[str, Timed], list[str]]:
-    """Peers that could be built in C and C++, and the reasons why the others could not."""
+    """Return the peers in C and C++ that could be built, and the reasons why the others could
+    not."""
     made: dict[str, Timed] = {}
     missing = []
     try:
@@ -146,7 +148,7 @@ def _peers(name: str) -> tuple[dict[str, Timed], list[str]]:
 
 
 def _require_that_it_follows(peer: native.Peer, arm: ArmKinematics, what: str) -> None:
-    """Each that is timed has to do the same: its arm follows the goal within its limits."""
+    """Check that all timed steps do the same work: each arm follows the goal within its limits."""
     start = arm.forward(np.array(arm.arm.home))
     goal = start
     for tick in range(200):
@@ -170,7 +172,7 @@ def _goal(start: Any, t: float) -> Any:
 
 
 def _measure(steps: dict[str, Timed], start: Any) -> dict[str, list[float]]:
-    """Seconds of each call, call upon call, the steps in turns."""
+    """Durations of back-to-back calls, the steps in turns, s."""
     samples: dict[str, list[float]] = {name: [] for name in steps}
     gc.collect()
     gc.disable()
@@ -186,7 +188,7 @@ def _measure(steps: dict[str, Timed], start: Any) -> dict[str, list[float]]:
 
 
 def _measure_paced(steps: dict[str, Timed], start: Any) -> dict[str, list[float]]:
-    """Seconds of each call, one every PACE_S, the steps in turns."""
+    """Durations of calls made every PACE_S, the steps in turns, s."""
     samples: dict[str, list[float]] = {name: [] for name in steps}
     gc.collect()
     gc.disable()
@@ -212,12 +214,12 @@ def _have_realtime() -> bool:
 
 
 def _figures(values: list[float]) -> tuple[float, float]:
-    """Median and 99th percentile, µs."""
+    """Return the median and 99th percentile, µs."""
     return statistics.median(values) * 1e6, float(np.percentile(values, 99)) * 1e6
 
 
 def _ticks(arm: str, joints: int) -> Figures:
-    """Measure on an arm; print, and return for each its four figures."""
+    """Measure on an arm; print and return the four figures of each subject."""
     model = kinematics(arm)
     plain, pink = DampedLeastSquares(kinematics(arm)).step, pink_step(kinematics(arm))
     compiled = {
@@ -256,7 +258,7 @@ def _ticks(arm: str, joints: int) -> Figures:
 
 
 def _verdicts(joints: int, found: Figures) -> list[str]:
-    """Compare the results with the aims on an arm of so many joints."""
+    """Compare the results with the aims for an arm with this number of joints."""
     many, closing = found[f"{COMPILED}, 35 pairs"], found[f"{COMPILED}, 10 closing pairs"]
     return [
         f"{what} at most {most:g} µs: {'met' if value <= most else f'missed, {value:.0f}'}"
@@ -270,7 +272,7 @@ def _verdicts(joints: int, found: Figures) -> list[str]:
 
 
 def _table(found: list[Figures], conditions: str) -> str:
-    """As docs/measurements.md has it: a column for each arm, tight and paced."""
+    """Return the table of docs/measurements.md: a column for each arm, back to back and paced."""
     heads = [f"{title}, {how}" for title in ARMS.values() for how in ("tight", "paced")]
     lines = ["| | " + " | ".join(heads) + " |", "|---" * (1 + len(heads)) + "|"]
     for name in found[0]:
@@ -309,7 +311,7 @@ def _inverses() -> None:
 
 
 def main() -> None:
-    """Print both tables; write the first one where it is asked for."""
+    """Print both tables; with `--pages`, write the first one."""
     realtime = _have_realtime()
     load = os.getloadavg()[0]
     print(f"load {load:.1f} on {os.cpu_count()} processors, real-time scheduling: {realtime}")

@@ -1,7 +1,7 @@
 """Cost of one tick of the arm controller as a session makes it: `python -m bench session-tick`.
 
-The robot is where it is commanded, the operator holds the dead-man. All situations take turns
-within one run.
+The robot is at its commanded position, the operator holds the dead-man button. All situations are
+measured in turns within one run.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ TABLES: dict[str, dict[str, Any]] = {
 
 
 class _Session:
-    """A controller, an ideal robot and an operator who moves to and fro, or holds still."""
+    """A controller, an ideal robot and an operator who moves back and forth, or holds still."""
 
     def __init__(self, table: dict[str, Any], moves: bool) -> None:
         config = parse_config(table)
@@ -56,7 +56,7 @@ class _Session:
         self._joints = tuple(load_arm(ARM).home)
         self._pose: Pose | None = Pose(Vector3(0.6, 0.0, 0.6), Quaternion(0.0, 1.0, 0.0, 0.0))
         if config.arm is not None:
-            self._pose = None  # The model's is taken.
+            self._pose = None  # The model's pose is used.
 
     def tick(self) -> float:
         """Run one control cycle; return the duration of the tick, s."""
@@ -81,7 +81,7 @@ class _Session:
 
 
 def _calls(session: _Session) -> int:
-    """How many Python functions of the package one tick calls."""
+    """Count the package's Python functions called in one tick."""
     found = 0
 
     def note(frame: FrameType, event: str, _: object) -> None:

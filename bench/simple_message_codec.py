@@ -1,8 +1,8 @@
 """Cost of one message of simple message: our codec against struct alone, in turns, in one run.
 
-`struct` alone reads the numbers of a feedback into one flat tuple: no field has a name and nothing
-is checked. Given are medians of batches, and their ratio to that. `cut and decode` includes the
-framing.
+`struct` alone reads the numbers of a feedback message into one flat tuple: no field has a name and
+nothing is checked. The table has medians of batches, and their ratio to that of struct. `cut and
+decode` includes the framing.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """ROS 2's spacenav_node as a process: `python -m bench.spacenav_node SOCKET ROUTER`.
 
-It polls spacenavd's socket once in a millisecond, as the node's timer does, and publishes the
-node's four topics for each event, in its order (spacenav/src/spacenav.cpp of ros-drivers). The node
-is C++, and repeats /spacenav/joy with every poll once there was an event. So that Python's cost is
-not counted as the node's, three messages are encoded beforehand, and joy is repeated each 8 ms.
+It polls spacenavd's socket every millisecond, like the node's timer, and publishes the node's four
+topics for each event, in the node's order (spacenav/src/spacenav.cpp of ros-drivers). The node is
+C++ and repeats /spacenav/joy with every poll after the first event. To keep Python's cost out of
+the measurement, three messages are encoded beforehand, and joy is repeated every 8 ms.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ZERO: Final = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 
 def main(path: str, router: str) -> None:
-    """Publish the events of the daemon at `path` on the bus of `router`, until it ends."""
+    """Publish the events of the daemon at `path` on the bus of `router`, until the daemon ends."""
     daemon = socket.socket(socket.AF_UNIX)
     daemon.connect(path)
     daemon.setblocking(False)

@@ -2,8 +2,8 @@
 
     python -m bench thesis [--plots DIR]
 
-Virtual time at 500 Hz on the simulated arm, with ideal drives and with its dynamics; nothing is
-random that is not seeded. `--plots` also draws the pictures of docs/evaluation.md.
+Virtual time at 500 Hz on the simulated arm, with ideal drives and with its dynamics; all random
+numbers are seeded. `--plots` also draws the pictures of docs/evaluation.md.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from studies.thesis.bench import table
 
 
 def main() -> None:
-    """Print the tables, and draw where it is asked for."""
+    """Print the tables; with `--plots`, draw the pictures."""
     directory = _directory(sys.argv[1:])
     print("\nmet, MISSED: the aim on ideal drives")
     found = study.measure()

@@ -1,10 +1,10 @@
-"""Two computers and the link between them, of this computer's network namespaces.
+"""Two computers with a link between them, made of network namespaces on this computer.
 
 Each computer is a network namespace with one veth interface. The other ends of both are in a third
-namespace, where a process moves Ethernet frames between them as :class:`bench.link.Way` says. So
-TCP and UDP are the kernel's, and what is lost is really sent anew. It needs no root where a user
-may make user namespaces, and no netem in the kernel; it needs Linux, util-linux (unshare, nsenter)
-and iproute2 (ip).
+namespace, where a process moves Ethernet frames between them as :class:`bench.link.Way` says. TCP
+and UDP are the kernel's, and lost segments are really retransmitted. No root is needed if users may
+make user namespaces, and no netem; required are Linux, util-linux (unshare, nsenter) and iproute2
+(ip).
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ OPERATOR: Final = "operator"
 ROBOT: Final = "robot"
 ADDRESSES: Final = {OPERATOR: "10.77.0.1", ROBOT: "10.77.0.2"}
 OTHER_ADDRESSES: Final = {OPERATOR: "10.77.0.3", ROBOT: "10.77.0.4"}
-"""After :meth:`TwoComputers.change_address`."""
+"""Addresses after :meth:`TwoComputers.change_address`."""
 INTERFACE: Final = "net0"
 SENDER: Final = {ROBOT: OPERATOR, OPERATOR: ROBOT}
-"""By where a way leads."""
+"""Sending computer of each way, by its destination."""
 
 READY_WITHIN_S: Final = 30.0
 _MAC: Final = {OPERATOR: "02:00:00:00:00:01", ROBOT: "02:00:00:00:00:02"}
@@ -60,24 +60,24 @@ _NONE: Final = (
 
 
 class NoNamespacesError(RuntimeError):
-    """This computer makes no network namespaces for this user."""
+    """This computer does not let this user make network namespaces."""
 
 
 class TwoComputers:
-    """The two, as :func:`two_computers` gives them."""
+    """The two computers of :func:`two_computers`."""
 
     def __init__(self, process: subprocess.Popen[bytes], control: socket.socket) -> None:
         self._process, self._control = process, control
         self._control.settimeout(READY_WITHIN_S)
         try:
             self._namespaces, self.congestion = json.loads(self._control.recv(_FRAME))
-            """The latter is TCP's congestion control there."""
+            """Congestion control of TCP in the namespaces."""
         except (OSError, ValueError):
             self._process.kill()
             raise NoNamespacesError(_NONE) from None
 
     def at(self, computer: str) -> tuple[str, ...]:
-        """Return the prefix with which a command runs at OPERATOR or ROBOT."""
+        """Return the command prefix that runs a command at OPERATOR or ROBOT."""
         process = f"/proc/{self._process.pid}"
         return (
             "nsenter",
@@ -93,29 +93,29 @@ class TwoComputers:
         return json.loads(answer), fds
 
     def datagrams(self, computer: str) -> socket.socket:
-        """A UDP socket of that computer, for this process."""
+        """Return a UDP socket of that computer for this process."""
         _, (fd,) = self._ask({"socket": computer})
         return socket.socket(fileno=fd)
 
     def set(self, **ways: Conditions) -> None:
-        """Have the ways to `robot` and to `operator` be so from now on."""
+        """Change the conditions of the ways to `robot` and to `operator`."""
         self._ask({"ways": {to: way._asdict() for to, way in ways.items()}})
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """Return :attr:`bench.link.Way.counts` by the way's destination; and of "forwarder" the
-        longest time that it held a frame beyond its due time, "late_us"."""
+        """Return :attr:`bench.link.Way.counts` by the way's destination; under "forwarder" the
+        longest delay of a frame beyond its due time, "late_us"."""
         found: dict[str, dict[str, int]] = self._ask({})[0]["counts"]
         return found
 
     def carried(self, to: str, since_s: float, until_s: float) -> list[Carried]:
-        """Return the first frames to that computer that left the other since then and until then,
-        at most _MOST_CARRIED. The times are :func:`time.monotonic`'s, which all processes share."""
+        """Return the first frames to that computer that were sent in the interval, at most
+        _MOST_CARRIED. The times are :func:`time.monotonic`'s, which all processes share."""
         found = self._ask({"carried": [to, since_s, until_s]})[0]["carried"]
         return [Carried(*each) for each in found]
 
     def change_address(self, computer: str = OPERATOR, *, back: bool = False) -> None:
-        """OPERATOR or ROBOT has the other of its two addresses, and no longer the one it had;
-        `back`: its first one again."""
+        """Replace the address of OPERATOR or ROBOT by its second one; `back`: restore the first
+        one."""
         addresses = [each[computer] for each in (ADDRESSES, OTHER_ADDRESSES)]
         gone, new = reversed(addresses) if back else addresses
         for change in (("del", f"{gone}/24"), ("add", f"{new}/24")):
@@ -128,7 +128,7 @@ class TwoComputers:
 def two_computers(
     to_robot: Conditions, to_operator: Conditions, seed: int = 0
 ) -> Iterator[TwoComputers]:
-    """Have both until the end of the context. NoNamespacesError: this computer makes none."""
+    """Run both computers until the end of the context. Raises NoNamespacesError."""
     if not all(map(shutil.which, ("unshare", "nsenter", "ip"))):
         raise NoNamespacesError(_NONE)
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -137,18 +137,18 @@ def two_computers(
     with here:
         process = subprocess.Popen(words, pass_fds=[there.fileno()])
         there.close()
-        with contextlib.suppress(OSError):  # A network is not late by what computers do.
+        with contextlib.suppress(OSError):  # The load of this computer must not delay the network.
             os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(_PRIORITY))
         try:
             both = TwoComputers(process, here)
             both.set(robot=to_robot, operator=to_operator)
             yield both
         finally:
-            here.close()  # by which it ends
+            here.close()  # which ends the process
             process.wait()
 
 
-# -- the process between them ----------------------------------------------------------------------
+# -- the forwarding process ------------------------------------------------------------------------
 
 
 def _ip(*words: str) -> None:
@@ -161,17 +161,18 @@ def _checked(libc: ctypes.CDLL, name: str, *arguments: int) -> None:
 
 
 def _without_offloads(interface: str) -> None:
-    """Have whole frames with finished checksums sent, none longer than the wire's."""
+    """Disable offloads: frames are sent whole, with complete checksums and of at most the wire's
+    length."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
         for command in _ETHTOOL_OFFLOADS:
             value = ctypes.create_string_buffer(struct.pack("=II", command, 0))
             request = struct.pack("16sP16x", interface.encode(), ctypes.addressof(value))
-            with contextlib.suppress(OSError):  # Not every kernel can change each.
+            with contextlib.suppress(OSError):  # A kernel may refuse to change some of them.
                 fcntl.ioctl(any_socket, _SIOCETHTOOL, request)
 
 
 class _Forwarder:
-    """Makes the namespaces, and moves frames between them."""
+    """Creates the namespaces and forwards frames between them."""
 
     def __init__(self, control: socket.socket, seed: int) -> None:
         self._control = control
@@ -191,7 +192,7 @@ class _Forwarder:
     def _made(self, name: str) -> int:
         _checked(self._libc, "unshare", _CLONE_NEWNET)
         between = f"/proc/{os.getpid()}/fd/{self._between}"
-        for congestion in ("reno", "cubic"):  # Not every kernel lets a namespace have each.
+        for congestion in ("reno", "cubic"):  # A kernel may not offer each of them to a namespace.
             with contextlib.suppress(OSError):
                 _CONGESTION.write_text(congestion)
         _ip("link", "set", "lo", "up")
@@ -202,7 +203,7 @@ class _Forwarder:
         _without_offloads(INTERFACE)
         _ip(*f"link set {INTERFACE} up addrgenmode none".split())
         _ip(*f"address add {ADDRESSES[name]}/24 dev {INTERFACE}".split())
-        # ARP that is lost would cost a second, as it does on no long way.
+        # A lost ARP request would cost a second, which does not happen on a long-distance link.
         for addresses in (ADDRESSES, OTHER_ADDRESSES):
             address, mac = addresses[SENDER[name]], _MAC[SENDER[name]]
             _ip(*f"neighbor add {address} lladdr {mac} dev {INTERFACE}".split())
@@ -250,11 +251,11 @@ class _Forwarder:
         if way.next_s <= now_s:
             self._late_s = max(self._late_s, now_s - way.next_s)
             for frame in way.arrived(now_s):
-                with contextlib.suppress(OSError):  # its interface is full: as lost
+                with contextlib.suppress(OSError):  # full queue of the interface: frame lost
                     self._ends[to].send(frame)
 
     def run(self) -> None:
-        """Until the control's other end is closed."""
+        """Run until the control's other end is closed."""
         readers = [self._control, *self._ends.values()]
         while True:
             due_s = min(way.next_s for way in self._ways.values())

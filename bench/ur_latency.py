@@ -1,11 +1,10 @@
-"""RTDE state out to command in, as a UR's controller sees it: our driver, our session, the floor.
+"""Latency from RTDE state out to command in at a UR controller: our driver, our session, echo.
 
     python -m bench ur-latency
 
-This process plays the controllers: the simulated ones, whose time it advances by hand, on real
-sockets. All are asked in turn, once in 2 ms slots as an e-Series does, and once without any pause.
-The session is the real one: ``cardan run`` with a simulated SpaceMouse that moves, and with the
-arm's model.
+This process runs the simulated controllers on real sockets and steps their time. All peers are
+measured in turn, first in 2 ms slots as with an e-Series, then without pauses. The session is the
+real one: ``cardan run`` with a simulated SpaceMouse that moves, and with the arm's model.
 """
 
 from __future__ import annotations
@@ -31,22 +30,22 @@ from cardan.protocols.ur.rtde import Recipe
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 
 PORT_KINDS: Final = ("rtde", "primary", "dashboard")
-"""That the driver connects to."""
+"""Ports to which the driver connects."""
 CYCLES = 5000
 WARM_UP = 500
 PERIOD_S = 0.002
 ANSWER_WITHIN_S = 0.5
 READY_WITHIN_S = 60.0
 PATIENT: Final = {"enable": "at-start", "watchdog_s": 0.5, "state_timeout_s": 0.5}
-"""Options of a driver that goes on where a busy computer keeps states or commands back."""
+"""Options of a driver that tolerates states or commands delayed by a busy computer."""
 
 ECHO, DRIVER, SESSION = "echo", "cardan-driver", "session with model"
 STATE = Recipe(1, ["state"] * 26, ["DOUBLE"] * 26).pack([0.0] * 26)
-"""As long as a state."""
+"""Message with the length of a state."""
 
 
 class Played:
-    """A simulated controller on three real ports, in time that passes when it is told to."""
+    """A simulated controller on three real ports, with time that advances in steps."""
 
     def __init__(self) -> None:
         options = UrControllerOptions(running=True)
@@ -54,7 +53,7 @@ class Played:
         self.servers = UrServers(self.controller, options)
         telemetry, began_s = self.servers.telemetry, time.monotonic()
         value = telemetry.value
-        # Frames come faster than a controller's without a pause; its clock may not run faster.
+        # Without pauses, frames are sent faster than a controller's; its clock must not run faster.
         telemetry.value = lambda name: (  # type: ignore[method-assign]
             time.monotonic() - began_s if name == "timestamp" else value(name)
         )
@@ -78,7 +77,7 @@ class Played:
         return self.controller.has_program and registers.input_int[26] == ProgramCommand.FOLLOW
 
     def carry(self, timeout_s: float) -> None:
-        """Transfer the bytes that wait on the sockets, both ways."""
+        """Transfer the bytes that wait on the sockets, in both directions."""
         for key, _ in self._selector.select(timeout_s):
             assert isinstance(key.fileobj, socket.socket)
             if isinstance(key.data, str):
@@ -93,7 +92,7 @@ class Played:
                 continue
             try:
                 data = key.fileobj.recv(65536)
-            except ConnectionResetError:  # closed while something was on its way there
+            except ConnectionResetError:  # closed while a message was in transit
                 data = b""
             if data:
                 self.servers.data(key.data, data, self.now_s)
@@ -104,7 +103,7 @@ class Played:
         self.flush()
 
     def flush(self) -> None:
-        """Send what is to be sent."""
+        """Send the pending data."""
         for number, data in self.servers.outgoing():
             with contextlib.suppress(OSError, KeyError):
                 self._sockets[number].sendall(data)
@@ -120,13 +119,13 @@ class Played:
         self._selector.close()
 
     def step(self) -> None:
-        """Advance by one frame, and read the bytes that came since the one before."""
+        """Advance by one frame, and read the bytes that have arrived since."""
         self.now_s += PERIOD_S
         self.servers.advance(self.now_s)
         self.carry(0.0)
 
     def asked(self) -> float | None:
-        """Advance by one frame; return the time from the state sent to the command received, s;
+        """Advance by one frame; return the time from sending the state to receiving the command, s;
         None: no command came."""
         assert self.rtde is not None
         self.now_s += PERIOD_S
@@ -146,7 +145,8 @@ class Played:
 
 
 class Echoed:
-    """The floor: CPython receives as many bytes as a state has, and sends as many as a command."""
+    """Baseline: CPython receives as many bytes as a state has, and sends as many as a command
+    has."""
 
     def __init__(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -160,12 +160,12 @@ class Echoed:
             self._socket.close()
 
     def wait(self) -> None:
-        """Until it has connected."""
+        """Wait for the connection."""
         self._socket, _ = self._listener.accept()
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def asked(self) -> float | None:
-        """As that of a controller."""
+        """Return the round-trip time, s, measured as for a controller."""
         assert self._socket is not None
         start_s = time.perf_counter()
         self._socket.sendall(STATE)
@@ -174,7 +174,7 @@ class Echoed:
 
 
 def echo(port: int) -> None:
-    """The process behind `Echoed`."""
+    """Process behind `Echoed`."""
     with socket.create_connection(("127.0.0.1", port)) as sock:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         while data := sock.recv(65536):
@@ -182,7 +182,7 @@ def echo(port: int) -> None:
 
 
 def driver(rtde: int, primary: int, dashboard: int) -> None:
-    """Our driver alone, told to be where it is."""
+    """Our driver alone; the command is the measured position."""
     from cardan.drivers.ur_rtde import UrRtde
     from cardan.types import JointCommand
 
@@ -195,7 +195,7 @@ def driver(rtde: int, primary: int, dashboard: int) -> None:
 
 @contextlib.contextmanager
 def process(*words: str) -> Iterator[None]:
-    """A process of Python's, until the end."""
+    """Run a Python process until the end of the context."""
     started = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
     try:
         yield
@@ -206,7 +206,7 @@ def process(*words: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def session(played: Played) -> Iterator[None]:
-    """``cardan run`` with a simulated SpaceMouse that moves the arm."""
+    """Run ``cardan run`` with a simulated SpaceMouse that moves the arm."""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         hid_path, script, config = (Path(folder) / name for name in ("hid", "script", "ur.toml"))
         script.write_text(TOUCH + MOVE)
@@ -225,7 +225,7 @@ def session(played: Played) -> Iterator[None]:
 
 
 def slots(period_s: float) -> Iterator[None]:
-    """One after the other, each at least `period_s` long: none is made up for."""
+    """Slots one after the other, each at least `period_s` long; a late slot is not made up for."""
     slot_s = time.perf_counter()
     while True:
         yield
@@ -234,7 +234,7 @@ def slots(period_s: float) -> Iterator[None]:
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S, warm_up: int = WARM_UP) -> Figures:
-    """Ask every peer `cycles` times, every `period_s`; return the latencies by name."""
+    """Measure every peer `cycles` times, every `period_s`; return the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"RTDE state out to command in, as a UR's controller sees it, {pace}")
     echoed, alone, moving = Echoed(), Played(), Played()
@@ -249,7 +249,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S, warm_up: int = WAR
         asked = {ECHO: echoed, DRIVER: alone, SESSION: moving}
         begin_s = time.monotonic()
         for _ in slots(PERIOD_S):
-            # All at once: a driver whose controller falls silent ends motion.
+            # Both start together: a driver whose controller falls silent ends motion.
             if alone.followed and moving.followed:
                 break
             if time.monotonic() - begin_s > READY_WITHIN_S:

@@ -27,13 +27,13 @@ from studies.motoros.published import (
 from studies.motoros.study import EVERY, measure
 
 ADDED_AT_MOST_S = 0.040
-"""Longest delay that velocity mode may add between the mouse and the controller's command."""
+"""Limit for the delay that velocity mode adds between the mouse and the controller's command."""
 GOAL_RANGE_S = (0.45, 0.65)
-"""Range of the standard driver's delay behind the goal that agrees with the paper."""
+"""Range of the standard driver's delay after the goal that agrees with the paper."""
 
 
 def main() -> None:
-    """Print the tables, and draw where it is asked for."""
+    """Print the tables; with `--plots`, draw the pictures."""
     words = sys.argv[1:]
     directory = Path(words[words.index("--plots") + 1]) if "--plots" in words[:-1] else None
     found = measure(EVERY)
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def compared(title: str, published: tuple[Delays, ...], ours: Result) -> str:
-    """The paper's table with ours beside it."""
+    """Return the paper's table with our figures added."""
     lines = [
         f"\n{title}: {WORDS[ours.mode]}, paper's plant; s\n",
         f"{'':9}{'device to goal':>20}{'goal to measured':>20}{'total':>20}",
@@ -73,7 +73,7 @@ def _printed(published: tuple[Delays, ...]) -> Delays:
 
 
 def overview(results: list[Result]) -> str:
-    """All runs, stage by stage."""
+    """Return the table of all runs, stage by stage."""
     lines = [
         "\nAverages of all phases; s\n",
         f"{'':34}{'to goal':>9}{'command':>9}{'measured':>9}{'total':>9}{'corr.':>8}"
@@ -96,7 +96,7 @@ def overview(results: list[Result]) -> str:
 
 
 def verdicts(results: dict[tuple[str, str], Result]) -> str:
-    """The aims, met or missed."""
+    """Print whether the aims are met."""
     standard, velocity = results["standard", "paper"], results["velocity", "paper"]
     ideal = results["velocity", "ideal"]
     added_s = ideal.average("device_to_command_s")

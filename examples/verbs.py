@@ -1,4 +1,4 @@
-"""A program moves an arm by verbs and a stream, through a session in a process of its own."""
+"""Move an arm by verbs and a stream of a program, through a session in a separate process."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from cardan.gateway.session.remote import session_arm
 
 STREAM_PERIOD_S = 0.02
-"""A stream that is silent for 0.1 s (parameter streamTimeout) brakes."""
+"""The arm brakes if the stream is silent for 0.1 s (parameter streamTimeout)."""
 
 
 def main(path: str) -> None:

@@ -1,4 +1,8 @@
+<<<<<<< HEAD
 """``cardan evaluate``: published measurements, repeated, in one report."""
+=======
+"""``cardan evaluate``: repeat published measurements, and write one report."""
+>>>>>>> txtc
 
 from __future__ import annotations
 
@@ -47,7 +51,7 @@ def evaluate(
 ) -> None:
     """Repeat the measurements of the papers that Cardan follows.
 
-    With simulated devices and robots; writes one report: published figures beside ours, pictures,
+    With simulated devices and robots; writes one report: published figures and ours, pictures,
     machine, versions, load and seeds. Real-time measurements need a quiet machine."""
     if compare is not None:
         if quick or only:

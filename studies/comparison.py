@@ -1,4 +1,4 @@
-"""Two reports beside each other: what got better or worse by more than it varies."""
+"""Comparison of two reports: figures that improved or worsened by more than their spread."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ COLUMNS = ("figure", "unit", "published", "old", "new", "difference", "spread", 
 
 
 class Verdict(str, enum.Enum):
-    """On a figure that both reports have."""
+    """Verdict on a figure of both reports."""
 
     BETTER = "better"
     WORSE = "WORSE"
     SAME = ""
     """The difference is within the spread."""
     CHANGED = "changed"
-    """By more than the spread, where neither is better."""
+    """The difference exceeds the spread of a figure without a better direction."""
     ONCE = "measured once"
-    """Nobody knows how much it varies."""
+    """The spread is unknown."""
     GONE = "missing now"
     NEW = "new"
 
@@ -43,12 +43,12 @@ class Compared(NamedTuple):
     old: float | None
     new: float | None
     spread: float | None
-    """The larger of both."""
+    """The larger spread of both."""
     verdict: Verdict
 
 
 def compare(old: Report, new: Report) -> list[Compared]:
-    """Every figure of the studies that both have measured, in the order of the new one."""
+    """Compare every figure of the studies in both reports, in the order of the new one."""
     found = []
     before = {part.name: part for part in old.parts if not (part.missing or part.failed)}
     for part in new.parts:
@@ -88,7 +88,7 @@ def _verdict(old: float | None, new: float | None, spread: float | None, figure:
 
 
 def differences(old: Report, new: Report) -> list[str]:
-    """List the other differences between two reports; each may be the cause."""
+    """List the other differences between two reports; each may explain a difference of figures."""
     found = []
     for what, before, after in (
         ("machine", old.machine, new.machine),
@@ -117,7 +117,7 @@ def differences(old: Report, new: Report) -> list[str]:
 
 
 def as_blocks(old: Report, new: Report, compared: list[Compared]) -> list[Block]:
-    """The document."""
+    """Return the comparison as a document."""
     found: list[Block] = [
         Heading(1, TITLE),
         Points((f"old: made {old.made} UTC", f"new: made {new.made} UTC", count(compared))),
@@ -132,7 +132,7 @@ def as_blocks(old: Report, new: Report, compared: list[Compared]) -> list[Block]
 
 
 def count(compared: list[Compared]) -> str:
-    """Number of each verdict, in words."""
+    """Describe the number of each verdict."""
     counts = {verdict: sum(each.verdict is verdict for each in compared) for verdict in Verdict}
     worse, better = counts[Verdict.WORSE], counts[Verdict.BETTER]
     others = sum(counts.values()) - worse - better - counts[Verdict.SAME]
@@ -140,7 +140,7 @@ def count(compared: list[Compared]) -> str:
 
 
 def cells(each: Compared) -> tuple[str, ...]:
-    """Of a table's row, by COLUMNS."""
+    """Return the cells of a table row, by COLUMNS."""
     known = each.old is not None and each.new is not None
     difference = f"{each.new - each.old:+.4g}" if known else "–"  # type: ignore[operator]
     spread = "unknown" if each.spread is None else f"{each.spread:.3g}"
@@ -158,7 +158,7 @@ def _number(value: float | None) -> str:
 
 
 def write(folder: Path, blocks: list[Block]) -> None:
-    """comparison.md and comparison.html."""
+    """Write comparison.md and comparison.html."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / MARKDOWN).write_text(document.markdown(blocks), encoding="utf-8")
     (folder / HTML).write_text(document.page(TITLE, blocks, folder), encoding="utf-8")

@@ -42,7 +42,7 @@ def _processor() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of Cardan, of Python and its C library, and of what is installed beside."""
+    """Return the versions of Cardan, Python, the C library and the installed packages."""
     found = {
         "cardan": __version__,
         "python": platform.python_version(),
@@ -57,5 +57,5 @@ def versions() -> dict[str, str]:
 
 
 def load() -> float:
-    """Mean number of programs that wanted a processor in the last minute."""
+    """Return the load average: mean number of runnable processes in the last minute."""
     return os.getloadavg()[0]

@@ -1,4 +1,5 @@
-"""A document as values, and as Markdown or one HTML page. Texts may have `code` and **bold**."""
+"""A document as values, rendered as Markdown or one HTML page. Texts may have `code` and
+**bold**."""
 
 from __future__ import annotations
 
@@ -13,26 +14,26 @@ from studies.result import Table
 
 
 class Heading(NamedTuple):
-    """Level 1 is the title."""
+    """Heading; level 1 is the title."""
 
     level: int
     text: str
 
 
 class Paragraph(NamedTuple):
-    """Running text."""
+    """Paragraph of running text."""
 
     text: str
 
 
 class Points(NamedTuple):
-    """A list."""
+    """Bulleted list."""
 
     texts: tuple[str, ...]
 
 
 class Picture(NamedTuple):
-    """A picture's file, beside the document's; without its ending: it is there as SVG and PNG."""
+    """Picture next to the document; `name` has no extension, because it exists as SVG and PNG."""
 
     name: str
     title: str
@@ -56,7 +57,7 @@ _SPECIAL = re.compile(r"([\\|<>_])")
 
 
 def markdown(blocks: Sequence[Block]) -> str:
-    """As Markdown, with pictures as PNG: what makes PDF of it needs no more."""
+    """Return the document as Markdown, with PNG pictures, which all converters to PDF can read."""
     parts: list[str] = []
     for block in blocks:
         if isinstance(block, Heading):
@@ -81,7 +82,7 @@ def _markdown_table(table: Table) -> list[str]:
 
 
 def _marked(text: str) -> str:
-    """Nothing of it is Markdown but code and bold."""
+    """Escape Markdown except code and bold."""
     line = " ".join(text.split())
     pieces = re.split(r"(`[^`]*`)", line)
     return "".join(
@@ -91,7 +92,7 @@ def _marked(text: str) -> str:
 
 
 def page(title: str, blocks: Sequence[Block], folder: Path) -> str:
-    """As one HTML page that needs no other file: pictures of `folder` are in it."""
+    """Return the document as one self-contained HTML page; pictures of `folder` are embedded."""
     body = "\n".join(_html(block, folder) for block in blocks)
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

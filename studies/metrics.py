@@ -1,9 +1,9 @@
 """Delays, errors and stops of a motion that follows a command. Both on one clock, s.
 
-A delay is found in three ways, because each alone can mislead: as the shift of best correlation of
-the velocities (steps and reversals), as the shift of least error (ramps, which correlate badly),
-and per command, as the time until the output comes to where the command was (what the operator
-feels).
+A delay is measured in three ways, because each alone can mislead: as the shift of best correlation
+of the velocities (steps and reversals), as the shift of least error (ramps, which correlate badly),
+and per command, as the time until the output reaches the commanded position (the delay felt by the
+operator).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from cardan.common.arm_libraries import np, npt
 Array = npt.NDArray[np.float64]
 
 STOP_COMMANDED = 0.05
-"""Share of the fastest commanded speed above which motion is wanted ..."""
+"""Share of the fastest commanded speed above which motion is commanded ..."""
 
 STOP_MEASURED = 0.01
 """... and below which it has stopped ..."""
 
 STOP_LONGER_THAN_S = 0.02
-"""... for at least so long: a stop phase."""
+"""... for at least this time: a stop phase."""
 
 
 def velocity(times_s: Array, values: Array) -> Array:
@@ -31,7 +31,7 @@ def velocity(times_s: Array, values: Array) -> Array:
 
 
 def _parabola(scores: Array, best: int) -> float:
-    """Offset of the extremum from `best`, in samples, by the parabola through its neighbors."""
+    """Offset of the extremum from `best`, in samples, by a parabola through the neighbors."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     left, middle, right = scores[best - 1 : best + 2]
@@ -40,7 +40,8 @@ def _parabola(scores: Array, best: int) -> float:
 
 
 def delay_by_correlation(dt_s: float, commanded: Array, measured: Array, longest_s: float) -> float:
-    """Shift of `measured` at which the velocities correlate best, s; axes are summed."""
+    """Return the shift of `measured` with the best correlation of velocities, s; axes are
+    summed."""
     most = round(longest_s / dt_s)
     one, two = np.gradient(commanded, axis=0), np.gradient(measured, axis=0)
     count = len(one) - most
@@ -54,7 +55,7 @@ def delay_by_correlation(dt_s: float, commanded: Array, measured: Array, longest
 
 
 def delay_by_least_error(dt_s: float, commanded: Array, measured: Array, longest_s: float) -> float:
-    """Shift of `measured` at which it is nearest to `commanded`, s."""
+    """Return the shift of `measured` with the least distance from `commanded`, s."""
     most = round(longest_s / dt_s)
     count = len(commanded) - most
     scores = np.array(
@@ -67,10 +68,10 @@ def delay_by_least_error(dt_s: float, commanded: Array, measured: Array, longest
 def delays_per_command(
     command_times_s: Array, commands: Array, times_s: Array, measured: Array, longest_s: float
 ) -> Array:
-    """For each command (time × axes) the time until the output comes nearest to it, s.
+    """For each command (time × axes), return the time until the output's first nearest approach, s.
 
-    Looked for within `longest_s`, and only until the output gets away from it again: the first
-    nearest approach. NaN for a command that the output never nears by half of what it was away.
+    The search ends after `longest_s`, or when the output moves away again. NaN for a command if the
+    output never covers half of its initial distance from it.
     """
     found = np.full(len(commands), np.nan)
     for index, (start_s, command) in enumerate(zip(command_times_s, commands, strict=True)):
@@ -92,14 +93,14 @@ def delays_per_command(
 
 
 class StopPhases(NamedTuple):
-    """Stops inside a commanded motion."""
+    """Stops during commanded motion."""
 
     count: int  # type: ignore[assignment]
     total_s: float
 
 
 def stop_phases(times_s: Array, commanded: Array, measured: Array) -> StopPhases:
-    """Spans longer than 20 ms in which motion is commanded and there is none."""
+    """Find spans longer than 20 ms in which motion is commanded and there is none."""
     wanted = np.linalg.norm(velocity(times_s, commanded), axis=1)
     found = np.linalg.norm(velocity(times_s, measured), axis=1)
     fastest = float(wanted.max())
@@ -119,11 +120,11 @@ class Errors(NamedTuple):
     rms_without_delay_m: float
     max_without_delay_m: float
     leakage_m: float
-    """Largest motion along axes that were not commanded."""
+    """Largest motion along axes without commands."""
 
 
 def errors(dt_s: float, commanded: Array, measured: Array, delay_s: float) -> Errors:
-    """Position errors, raw and with the delay taken away, and cross-axis leakage."""
+    """Position errors, raw and after removal of the delay, and cross-axis leakage."""
     raw = np.linalg.norm(commanded - measured, axis=1)
     shift = round(delay_s / dt_s)
     aligned = np.linalg.norm(commanded[: len(commanded) - shift] - measured[shift:], axis=1)

@@ -1,4 +1,4 @@
-"""The one place that imports matplotlib for the pictures of studies: an optional extra."""
+"""Import of matplotlib, an optional extra, for the pictures of all studies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from cardan.common import arm_libraries as arm_libraries  # numpy, which matplotlib needs.
+from cardan.common import arm_libraries as arm_libraries  # matplotlib needs numpy.
 from cardan.common.extras import missing_extra
 from studies.result import Drawn
 
@@ -33,7 +33,7 @@ STYLE: Any = {
     "path.simplify": True,
 }
 DPI = 110
-"""Of pixels."""
+"""Resolution of pixel formats."""
 
 
 def save(
@@ -42,7 +42,8 @@ def save(
     endings: tuple[str, ...] = ("svg",),
     prefix: str = "",
 ) -> list[Drawn]:
-    """Draw all pictures into `directory`, as files PREFIX NAME . ENDING; their names and titles."""
+    """Draw all pictures into `directory`, as files PREFIX NAME . ENDING; return their names and
+    titles."""
     directory.mkdir(parents=True, exist_ok=True)
     found = []
     with plt.rc_context(STYLE):

@@ -1,4 +1,4 @@
-"""A report: run studies, write what they found, read it back."""
+"""A report: run studies, write their results, read them back."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from studies.result import Drawn, Figure, Result, Table
 from studies.studies import Study
 
 FORMAT = 1
-"""Of report.json; a report of another one cannot be compared."""
+"""Version of report.json; reports of another version cannot be compared."""
 
 JSON, MARKDOWN, HTML = "report.json", "report.md", "report.html"
 TITLE = "Published measurements, repeated"
@@ -36,7 +36,7 @@ class Part:
     seconds: float = 0.0
     """Duration of the study."""
     load: float = 0.0
-    """Before it; see :func:`studies.conditions.load`."""
+    """Load before the study; see :func:`studies.conditions.load`."""
     seeds: list[str] = field(default_factory=list)
     shortened: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
@@ -64,15 +64,15 @@ class Report:
 
     @property
     def failed(self) -> list[Part]:
-        """Studies that broke off."""
+        """Studies that ended with an error."""
         return [part for part in self.parts if part.failed]
 
 
 def evaluate(
     studies: Sequence[Study], quick: bool, folder: Path, say: Callable[[str], None]
 ) -> Report:
-    """Run the studies, one after the other, and write the report after each: what is measured is
-    kept. Raises ConfigurationError where nothing can be written into `folder`."""
+    """Run the studies in sequence, and write the report after each, so that results are kept.
+    Raises ConfigurationError if `folder` is not writable."""
     made = time.strftime("%Y-%m-%d %H:%M", time.gmtime())
     report = Report(quick, made, conditions.machine(), conditions.versions())
     _writable(folder)
@@ -93,7 +93,7 @@ def _writable(folder: Path) -> None:
         there = file.exists()
         with file.open("a"):
             pass
-        if not there:  # Nothing is measured yet: an empty one would be no report.
+        if not there:  # Do not write a report before the first result.
             file.unlink()
     except OSError as error:
         raise ConfigurationError(
@@ -116,7 +116,7 @@ def _run(study: Study, quick: bool, folder: Path, report: Report) -> Part:
     except CardanError as error:
         part.failed = str(error)
     except Exception as error:
-        # Measurements made so far are kept.
+        # Keep the measurements made so far.
         logging.getLogger(__name__).exception("%s broke off", study.name)
         part.failed = f"{type(error).__name__}: {error}"
     part.seconds = time.monotonic() - began_s
@@ -142,7 +142,7 @@ def _pictures(study: Study, found: Result, folder: Path, report: Report) -> list
 
 
 def write(report: Report, folder: Path) -> None:
-    """report.json, report.md and report.html; the pictures are there."""
+    """Write report.json, report.md and report.html next to the pictures."""
     blocks = as_blocks(report)
     texts = {
         JSON: json.dumps({"format": FORMAT, **dataclasses.asdict(report)}, indent=1) + "\n",
@@ -154,7 +154,7 @@ def write(report: Report, folder: Path) -> None:
 
 
 def as_blocks(report: Report) -> list[Block]:
-    """The document."""
+    """Return the report as a document."""
     length = (
         "--quick: shorter and fewer runs, as each study says; figures for a paper take the whole"
         if report.quick
@@ -224,7 +224,7 @@ LARGEST_BYTES = 16 * 2**20
 
 
 def read(path: Path) -> Report:
-    """The report of a folder, or of its report.json. Raises ConfigurationError."""
+    """Read the report of a folder, or of its report.json. Raises ConfigurationError."""
     file = path / JSON if path.is_dir() else path
     try:
         found = json.loads(files.read_text(file, LARGEST_BYTES))

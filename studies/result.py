@@ -1,4 +1,4 @@
-"""Result of a study: values only, without numpy and without pictures drawn."""
+"""Result of a study: values only, independent of numpy; pictures are drawn later."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ Better = Literal["less", "more", ""]
 
 
 class Figure(NamedTuple):
-    """A number that another report's is compared with."""
+    """A number for comparison with that of another report."""
 
     name: str
-    """Of one study each once."""
+    """Name, unique within a study."""
     value: float | None
-    """None: there was none, for example a delay of what never came."""
+    """Value; None if it does not exist, for example the delay of a missing response."""
     unit: str = ""
     better: Better = "less"
-    """The better direction; empty: neither is better."""
+    """Direction of improvement; empty: neither is better."""
     spread: float | None = 0.0
-    """By so much it may differ when nothing has changed; None: it was measured once."""
+    """Expected variation between equal runs; None: measured only once."""
     published: float | None = None
 
 
 class Table(NamedTuple):
-    """Cells are text."""
+    """Table whose cells are text."""
 
     title: str
     columns: tuple[str, ...]
@@ -33,26 +33,26 @@ class Table(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """A picture, drawn and not yet saved."""
+    """A picture that is drawn and not yet saved."""
 
     name: str
-    """Of its file, without an ending."""
+    """File name without its extension."""
     title: str
     figure: Any
-    """matplotlib's."""
+    """Figure object of matplotlib."""
 
 
 class Result(NamedTuple):
-    """Of one study."""
+    """Result of one study."""
 
     how: str
     """Method of the measurement: clock, drives, processes."""
     tables: tuple[Table, ...]
     figures: tuple[Figure, ...]
     draw: Callable[[], Iterable[Drawn]] | None = None
-    """Draws the pictures, one after the other; needs the extra "evaluate"."""
+    """Draws the pictures one by one; needs the extra "evaluate"."""
     seeds: tuple[str, ...] = ()
-    """Each with what it is of."""
+    """Seeds, each with its use."""
     shortened: tuple[str, ...] = ()
     """Parts that --quick made shorter or left out."""
     left_out: tuple[str, ...] = ()
@@ -60,18 +60,18 @@ class Result(NamedTuple):
 
 
 def table_of(title: str, markdown: str, note: str = "") -> Table:
-    """A table that is there as Markdown."""
+    """Convert a Markdown table."""
     lines = [line for line in markdown.splitlines() if line.startswith("|")]
     cells = [tuple(cell.strip() for cell in line[1:-1].split("|")) for line in lines]
     return Table(title, cells[0], tuple(cells[2:]), note)
 
 
 def spread_of(values: Iterable[float], least: float = 0.0) -> float:
-    """Spread of repetitions; at least `least`."""
+    """Spread of repeated values, at least `least`."""
     known = [value for value in values if value == value]
     return max(least, max(known) - min(known)) if known else least
 
 
 def known(value: float | None) -> float | None:
-    """None for what is not finite."""
+    """Return None for a value that is not finite."""
     return None if value is None or value != value or abs(value) == float("inf") else value

@@ -1,4 +1,4 @@
-"""Runs in processes of their own, several at a time: virtual time has the same figures then."""
+"""Runs in subprocesses, several at a time; in virtual time this does not change the results."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Found = TypeVar("Found")
 def side_by_side(
     function: Callable[..., Found], calls: Iterable[tuple[Any, ...]], at_once: int = 0
 ) -> list[Found]:
-    """Return a module function's results for each call's arguments, in order. `at_once`: calls at
-    a time; 0: one per processor. An exception of a call is raised."""
+    """Call a module's function with each call's arguments; return the results in order. `at_once`:
+    number of parallel calls; 0: one per processor. Re-raises an exception of a call."""
     rows = list(calls)
     count = min(len(rows), at_once or os.cpu_count() or 1)
     if count <= 1:
         return [function(*row) for row in rows]
-    # A child of a fork would have the locks of this process's threads.
+    # A forked child would inherit locks held by this process's threads.
     with ProcessPoolExecutor(count, get_context("spawn")) as pool:
         return list(pool.map(function, *zip(*rows, strict=True)))

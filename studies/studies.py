@@ -1,4 +1,4 @@
-"""The studies, by name. Each is imported when it is run: they need different extras."""
+"""The studies by name. Each is imported only when it is run, because they need different extras."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from studies.result import Result
 
 
 class Study(NamedTuple):
-    """One of the report's parts."""
+    """A study: a part of the report."""
 
     name: str
     title: str
     source: str
-    """The publication."""
+    """Publication that is repeated."""
     module: str
 
     def run(self, quick: bool) -> Result:
-        """Measure. Raises CardanError and others where it cannot run here."""
+        """Run the study. Raises CardanError and others if it cannot run here."""
         found: Result = importlib.import_module(self.module).run(quick)
         return found
 
@@ -57,10 +57,8 @@ STUDIES = {
 
 
 def chosen(only: str) -> list[Study]:
-    """The studies that a list with commas names, in the report's order; empty: all.
-
-    Raises ConfigurationError for a name that is none.
-    """
+    """Parse a list of study names with commas and return the studies in the report's order; empty:
+    all. Raises ConfigurationError for an unknown name."""
     names = [name.strip() for name in only.split(",") if name.strip()]
     for name in names:
         if name not in STUDIES:

@@ -1,8 +1,8 @@
 """sitecustomize of the environment of tools/lerobot.
 
-The torchvision that package registries have is built for PyTorch with CUDA. Beside one without, its
-compiled operators cannot be loaded, and its import fails as it describes them to PyTorch. Nothing
-that is tested here calls them: they are declared, and the rest of torchvision works.
+The torchvision of package registries is built for PyTorch with CUDA. With a PyTorch without CUDA
+its compiled operators cannot be loaded, and its import fails when it registers their shapes. The
+tests here do not call the operators: once these are declared, the rest of torchvision works.
 """
 
 import importlib.abc
@@ -13,7 +13,7 @@ OPERATORS = "nms", "qnms"
 
 
 class _Declared(importlib.abc.MetaPathFinder):
-    """Declares them before they are described."""
+    """Import hook that declares the operators before torchvision registers them."""
 
     def find_spec(self, fullname, path=None, target=None):
         if fullname == "torchvision._meta_registrations":

@@ -1,9 +1,9 @@
-"""The console's page: from a finger to the robot's datagram, and what viewers cost a session.
+"""Console page: latency from a press to the robot's datagram, and cost of viewers for a session.
 
     python -m bench console [--pages] [--finger] [--viewers]
 
-Both, or the one that is named. Everything is printed as docs/measurements.md has it between its
-markers; `--pages` also writes it there.
+Runs both benchmarks, or the named one, and prints the tables of docs/measurements.md. `--pages`
+also writes them between the page's markers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PARTS = {
 
 
 def main() -> None:
-    """Measure and print; write where it is asked for."""
+    """Measure and print; with `--pages`, write the tables into the page."""
     chosen = [name for name in PARTS if f"--{name}" in sys.argv[1:]] or list(PARTS)
     measured = {}
     for name in chosen:

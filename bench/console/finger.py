@@ -1,4 +1,5 @@
-"""From a finger on the page to the first EGM datagram that moves the robot, on one computer."""
+"""Latency from a press on the page to the first EGM datagram that moves the robot, on one
+computer."""
 
 from __future__ import annotations
 
@@ -27,13 +28,14 @@ from tests.console.browser import Tab, chromium, find_chromium
 from tests.console.page_input import FINGER, RELOADED, STATE, enable, jog
 
 AIMS_S = (0.015, 0.040)
-"""Median, and p99."""
+"""Limits for the median and the p99."""
 
 PRESSES = 200
 LONGEST_S = 1.0
-"""A press that moves nothing within it was refused, as by a browser that stood still."""
+"""Timeout of a press: without motion by then it was refused, e.g. because the browser had
+stalled."""
 REST_S = 0.3
-"""The arm has stood for so long before the next press."""
+"""Minimum rest of the arm before the next press."""
 
 STILL_RAD = 1e-9
 
@@ -41,8 +43,8 @@ BROWSERS = {
     "no 3D picture": ["--disable-3d-apis"],
     "3D picture drawn by the processor": [],
 }
-"""By the browser's flags: without a graphics card the picture takes the processor away from all
-else, which says nothing of computers that have one."""
+"""Chromium flags of each case. Without a graphics card, drawing the picture takes processor time
+from everything else, which computers with one do not show."""
 
 PRESSED = """
 window.pressed = [];
@@ -68,7 +70,8 @@ class Controller(threading.Thread):
         self._robot, self._over = robot, threading.Event()
         self._lock = threading.Lock()
         self._moves: list[float] = []
-        """Times of datagrams that command another place than the one before, monotonic s."""
+        """Times of datagrams whose commanded position differs from the previous one, monotonic
+        s."""
 
     def run(self) -> None:
         with as_a_controller():
@@ -85,12 +88,13 @@ class Controller(threading.Thread):
                 time.sleep(max(0.0, slot_s - time.monotonic()))
 
     def end(self) -> None:
-        """Leave."""
+        """Stop the robot's thread."""
         self._over.set()
         self.join()
 
     def first_move(self, since_s: float) -> float | None:
-        """Return the time of the first command to move since `since_s`; None: there was none."""
+        """Return the time of the first command that moves the robot at or after `since_s`; None: no
+        such command."""
         with self._lock:
             return next((each for each in self._moves if each >= since_s), None)
 
@@ -106,7 +110,7 @@ def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
 
 @contextlib.contextmanager
 def _served() -> Iterator[tuple[Controller, str]]:
-    """A robot with its session, and the page's address."""
+    """Run a robot and its session; yield them with the page's address."""
     port, endpoint = free_ports(), free_endpoint()
     with contextlib.ExitStack() as stack:
         stack.enter_context(session(port, MODEL + network_table(endpoint)))
@@ -120,7 +124,7 @@ def _served() -> Iterator[tuple[Controller, str]]:
 
 
 def measure(presses: int = PRESSES) -> dict[str, Delays]:
-    """Press again and again, in each browser."""
+    """Press repeatedly in each browser."""
     program = find_chromium()
     if program is None:
         raise SystemExit("chromium is not installed: apt-get install chromium")
@@ -143,7 +147,7 @@ def _pressed(page: Tab, controller: Controller, presses: int) -> Delays:
     offset_s, uncertain_s = clock(page)
     for number in range(presses):
         enable(page)
-        # Frames have a period: presses must not keep step with it.
+        # Frames are periodic: presses must not synchronize with them.
         time.sleep(random.uniform(0.0, 0.05))
         page.value("window.pressed.length = 0")
         before_s = time.monotonic()
@@ -166,7 +170,8 @@ def _pressed(page: Tab, controller: Controller, presses: int) -> Delays:
 
 
 def clock(page: Tab) -> tuple[float, float]:
-    """Our clock against the page's, by the quickest question, and how wrong that may be; s."""
+    """Offset between our clock and the page's, from the fastest exchange, and its uncertainty,
+    s."""
     found = []
     for _ in range(50):
         asked_s = time.monotonic()
@@ -178,7 +183,7 @@ def clock(page: Tab) -> tuple[float, float]:
 
 
 def table(found: dict[str, Delays]) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     lines = [
         "| page | presses | median | p99 | slowest | without motion |",
         "|---|---|---|---|---|---|",

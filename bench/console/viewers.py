@@ -1,4 +1,4 @@
-"""Pages that watch, and what the session notices of them."""
+"""Cost of pages that watch: effect on the session's latency."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from studies.cartesian.sessions import (
 VIEWERS = 20
 RATE_HZ = 30.0
 AIM = 1.1
-"""Times the p99 of a session without viewers."""
+"""Limit for the session's p99 with viewers, as a multiple of its p99 without."""
 
 TOPICS = (
     *(
@@ -47,7 +47,7 @@ def measure() -> Load:
 
 
 def table(found: Load) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     quiet_s, loud_s = quantile(found.quiet_s, 0.99), quantile(found.loud_s, 0.99)
     ratio = loud_s / quiet_s
     return "\n".join(

@@ -1,12 +1,13 @@
-"""Peers in C and C++ for comparison, built from our sources here and from their libraries.
+"""Peers in C and C++ for comparison, built from the sources in this folder and third-party
+libraries.
 
-    python -m bench.native          builds what is missing, and says what cannot be built
-    make bench-peers                the same, with the Debian packages that it needs
+    python -m bench.native          builds what is missing, and prints what cannot be built
+    make bench-peers                the same, with the needed Debian packages
 
-Nothing of theirs is kept here: Pinocchio's headers are those of the wheels that are installed,
-daqp's C sources are those of the same version's source package, which pip gets, Eigen and KDL are
-Debian's (`tools/debian-packages peers`). Everything is built into build/peers, once. Pinocchio
-takes a minute, and more on a busy computer.
+No third-party source is kept here: Pinocchio's headers come from the installed wheels, daqp's C
+sources from the source package of the installed version (by pip), Eigen and KDL from Debian
+(`tools/debian-packages peers`). Everything is built once, into build/peers. Pinocchio takes a
+minute, or more on a busy computer.
 """
 
 from __future__ import annotations
@@ -41,24 +42,24 @@ ADVICE = "tools/debian-packages peers, then python -m bench.native"
 COMMON = ("-O2", "-DNDEBUG", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra")
 C = ("-std=c11", "-D_GNU_SOURCE", *COMMON)
 CPP = ("-std=c++17", "-fno-gnu-unique", *COMMON)
-"""Not of the same machine's instructions only (-march=native): the libraries of the wheels and of
-Debian, and our own kernel, are built for every one as well."""
+"""Without -march=native: the libraries of the wheels and of Debian, and our own kernel, are built
+for any processor, too."""
 
 OURS = (f"-I{SOURCES}",)
 
 EIGEN = "/usr/include/eigen3"
 
 LISTS = ("-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "-DBOOST_MPL_LIMIT_LIST_SIZE=30")
-"""Pinocchio has more kinds of joints than Boost's lists have places otherwise."""
+"""Pinocchio has more kinds of joints than Boost's lists hold by default."""
 
 
 WITH_DISTANCES = ("-DPINOCCHIO_WITH_COLLISION",)
 DISTANCES = ("-lpinocchio_collision", "-lpinocchio_default", "-lcoal")
-"""Of the wheels, which have the distances compiled already."""
+"""Libraries of the wheels with the compiled distances."""
 
 
 class NotBuiltError(Exception):
-    """Something is missing that a peer is built of; says what, and what to do."""
+    """A component that a peer needs is missing; the message names it and what to do."""
 
 
 def _compiler(variable: str, default: str, package: str) -> str:
@@ -139,7 +140,7 @@ def _pinocchio_daqp(target: Path) -> None:
 
 
 def _daqp(folder: Path) -> Path:
-    """Sources in C of the daqp that is installed, unpacked below `folder`."""
+    """Return the C sources of the installed version of daqp, unpacked below `folder`."""
     version = importlib.metadata.version("daqp")
     _run(
         (
@@ -151,7 +152,7 @@ def _daqp(folder: Path) -> Path:
     with tarfile.open(archive) as opened:
         if hasattr(tarfile, "data_filter"):
             opened.extractall(folder, filter="data")
-        else:  # Pythons from before the filter.
+        else:  # Older Pythons lack the filter argument.
             opened.extractall(folder)
     sources = folder / f"daqp-{version}/csrc"
     if not (sources / "include/api.h").exists():
@@ -174,7 +175,7 @@ PARTS: dict[str, tuple[tuple[str, ...], Callable[[Path], None]]] = {
 
 
 def _path(part: str) -> Path:
-    """Path of a part that is built from the present sources."""
+    """Path of a part built from the present sources."""
     stamp = hashlib.sha256(repr((C, CPP, LISTS, WITH_DISTANCES, DISTANCES)).encode())
     for each in PARTS[part][0]:
         stamp.update((SOURCES / each).read_bytes())
@@ -189,7 +190,7 @@ def _path(part: str) -> Path:
 
 @functools.cache
 def built(part: str) -> Path:
-    """The program or library, built now where it is not there. Raises NotBuiltError."""
+    """Return the program or library, building it if needed. Raises NotBuiltError."""
     path = _path(part)
     if not path.exists():
         print(f"building {part} ...", file=sys.stderr, flush=True)
@@ -206,7 +207,7 @@ def built(part: str) -> Path:
 
 
 class Peer:
-    """Step function of another library, beginning at an arm's home."""
+    """Step function of another library, starting at an arm's home."""
 
     def __init__(self, part: str, arm: ArmKinematics) -> None:
         """Raises NotBuiltError."""
@@ -227,7 +228,7 @@ class Peer:
             raise NotBuiltError(f"{part} cannot take the arm {arm.arm.name!r}")
 
     def surround(self, arm: ArmKinematics, collision: CollisionModel) -> None:
-        """Have its arm's bodies, each as Coal has it, kept apart from now on: of those that know
+        """Add the arm's bodies to the peer, with Coal's shapes; only for a peer that computes
         distances (PINOCCHIO_DAQP)."""
         library = self._library
         library.peer_surround.restype = None
@@ -246,7 +247,7 @@ class Peer:
 
     @property
     def distances(self) -> Any:
-        """Of each pair in the last step, before it moved, m."""
+        """Distance of each pair before the last step, m."""
         found = np.zeros(self._pairs)
         self._library.peer_distances(self._peer, found.ctypes.data)
         return found
@@ -258,7 +259,7 @@ class Peer:
         return count
 
     def step(self, goal: Any, dt_s: float) -> float:
-        """Move towards a placement in the base; how long that took, s, by its own clock."""
+        """Move towards a placement in the base; return the duration by the peer's own clock, s."""
         rotation = np.ascontiguousarray(goal.rotation).tobytes()
         took_s: float = self._library.peer_step(
             self._peer, rotation, goal.translation.tobytes(), dt_s
@@ -267,7 +268,7 @@ class Peer:
 
     @property
     def q(self) -> Any:
-        """Its joints, rad or m."""
+        """Joint positions, rad or m."""
         found = np.zeros(self._joints)
         self._library.peer_joints(self._peer, found.ctypes.data)
         return found
@@ -278,8 +279,8 @@ class Peer:
 
 
 def kernel_step() -> Callable[[int, int, float], float]:
-    """Return a function that calls the tick at an address, of the kernel at another: our own kernel
-    as a caller in C would see it. The function returns its duration, s. Raises NotBuiltError."""
+    """Return a function that calls our kernel's tick by the addresses of both, as a C caller would.
+    The function returns its duration, s. Raises NotBuiltError."""
     function = ctypes.CDLL(str(built(KERNEL))).kernel_step
     function.restype = ctypes.c_double
     function.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double)

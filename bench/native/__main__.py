@@ -1,4 +1,4 @@
-"""Builds what others do in C and C++, and says what cannot be built: `python -m bench.native`."""
+"""Build the peers in C and C++, and print what cannot be built: `python -m bench.native`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bench.native import PARTS, NotBuiltError, built
 
 
 def main() -> int:
-    """Build all; 1 where something is missing."""
+    """Build all peers; return 1 if something is missing."""
     missing = 0
     for part in PARTS:
         try:

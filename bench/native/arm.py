@@ -1,4 +1,4 @@
-"""An arm as the peers in C and C++ take it: peer.h."""
+"""An arm as the peers in C and C++ receive it: peer.h."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _JOINTS = c_double * MOST
 
 
 class PeerArm(ctypes.Structure):
-    """As peer.h has it."""
+    """Arm struct of peer.h."""
 
     _fields_ = (
         ("joints", c_int32),
@@ -43,7 +43,7 @@ class PeerArm(ctypes.Structure):
 
 
 class PeerShape(ctypes.Structure):
-    """As peer.h has it."""
+    """Shape struct of peer.h."""
 
     _fields_ = (
         ("kind", c_int32),
@@ -55,7 +55,7 @@ class PeerShape(ctypes.Structure):
 
 
 class PeerPair(ctypes.Structure):
-    """As peer.h has it."""
+    """Pair struct of peer.h."""
 
     _fields_ = (
         ("first", c_int32),
@@ -70,7 +70,8 @@ CAPSULE, SPHERE, BOX = range(3)
 
 
 def peer_arm(arm: ArmKinematics) -> PeerArm:
-    """The arm, with the limits that its kinematics has. ValueError: it has too many joints."""
+    """Return the arm with the limits of its kinematics. Raises ValueError if it has too many
+    joints."""
     if arm.joints > MOST:
         raise ValueError(f"{arm.joints} joints are more than {MOST}")
     made = PeerArm(joints=arm.joints)
@@ -91,7 +92,8 @@ def peer_arm(arm: ArmKinematics) -> PeerArm:
 
 
 def peer_shape(solid: Solid) -> PeerShape:
-    """Return the geometry that the servo in Python gives to Coal. ValueError: a half-space."""
+    """Return the geometry that the Python servo gives to Coal. Raises ValueError for a
+    half-space."""
     if isinstance(solid.shape, HalfSpace):
         raise ValueError(f"{solid.name}: the peers know no half-space")
     shape, placement = coal_shape(solid.shape)
@@ -108,7 +110,7 @@ def peer_shape(solid: Solid) -> PeerShape:
 
 
 def peer_pairs(arm: ArmKinematics, collision: CollisionModel, options: ServoOptions) -> Any:
-    """An array of the pairs, kept apart as the servo with these options does."""
+    """Return the pairs that the servo with these options keeps apart, as an array."""
     made = (PeerPair * len(collision.pairs))()
     bounds = JointBounds(arm, options.speed_share, options.acceleration_share)
     for pair, (first, second), clearance_m, deceleration, sweep in zip(

@@ -1,8 +1,8 @@
 /*
- * What the quickest controller of an EGM robot in C could be: it sends back what it received. It
- * stands in for ABB's own library, which decodes, computes and encodes beside it.
+ * Lower bound for an EGM client in C: it sends back the received datagram. It stands in for ABB's
+ * own library, which also decodes, computes and encodes.
  *
- *     echo PORT      prints READY, and ends when nobody has asked for 20 s
+ *     echo PORT      prints READY, and ends after 20 s without a datagram
  */
 #include <arpa/inet.h>
 #include <stdio.h>

@@ -1,5 +1,5 @@
 /*
- * KDL's weighted damped least squares as Orocos's users call it: a velocity, without any limit.
+ * KDL's weighted damped least squares as users of Orocos call it: a velocity, without limits.
  */
 #include <algorithm>
 
@@ -29,7 +29,7 @@ KDL::Chain chain_of(const PeerArm &arm)
         const KDL::Joint::JointType kind =
             arm.prismatic[i] ? KDL::Joint::TransAxis : KDL::Joint::RotAxis;
         const std::string name = "joint_" + std::to_string(i);
-        /* A segment's frame is that of the joint at zero, seen from the body before. */
+        /* A segment's frame is that of the joint at zero, relative to the previous body. */
         chain.addSegment(KDL::Segment(name, KDL::Joint(name, at.p, at.M * axis, kind), at));
     }
     const KDL::Frame tcp = placement(arm.tcp_rotation, arm.tcp_position);

@@ -1,6 +1,6 @@
 /*
- * Cardan's own kernel, timed as the others are: its library is loaded already, its goal is in its
- * memory, and this calls its tick.
+ * Cardan's own kernel, timed like the others: its library is already loaded, its goal is in its
+ * memory, and this function calls its tick.
  */
 #include "peer.h"
 

@@ -1,7 +1,7 @@
 /*
- * What the servo is compared with, in the language that the others are used from: each is a plain
- * library with these functions, loaded by bench/native; `peer_surround` and what follows it are of
- * those that know distances. A step is timed in here, so that nobody is charged for Python.
+ * Interface of the peers compared with the servo, in their users' language: each is a plain library
+ * with these functions, loaded by bench/native; `peer_surround` and the functions after it exist
+ * only in peers that compute distances. Steps are timed inside, so that Python is not counted.
  */
 #ifndef BENCH_PEER_H
 #define BENCH_PEER_H
@@ -28,14 +28,14 @@ typedef struct {
 
 enum { PEER_CAPSULE, PEER_SPHERE, PEER_BOX };
 
-/* Fixed to a body, 0 of which is the base; the capsule lies along its z. */
+/* Shape fixed to a body (0: the base); a capsule lies along its z axis. */
 typedef struct {
     int32_t kind, body;
     double rotation[9], position[3];
     double size[3]; /* capsule: radius and length; sphere: radius; box: edges */
 } PeerShape;
 
-/* Two shapes that are kept apart; the body of the second is the farther one along the arm. */
+/* Two shapes that are kept apart; the second one's body is farther along the arm. */
 typedef struct {
     int32_t first, second;
     double safety_m, deceleration_m_s2;
@@ -53,20 +53,20 @@ static inline double peer_now(void)
 extern "C" {
 #endif
 
-/* Starts at home. NULL where it cannot take the arm. */
+/* Starts at home. Returns NULL if it does not support the arm. */
 PEER_API void *peer_create(const PeerArm *arm);
 PEER_API void peer_destroy(void *peer);
 
-/* Moves its joints for `dt` towards a TCP in the base; how long that took, s. */
+/* Moves the joints for `dt` towards a TCP in the base frame; returns the duration, s. */
 PEER_API double peer_step(void *peer, const double rotation[9], const double position[3], double dt);
 
 PEER_API void peer_joints(const void *peer, double *q);
 
-/* From now on each step keeps these apart. */
+/* Adds pairs that each later step keeps apart. */
 PEER_API void peer_surround(void *peer, const PeerShape *shapes, int32_t shape_count,
                             const PeerPair *pairs, int32_t pair_count);
 
-/* Of the last step: the distance of each pair, and how many had a row in its program. */
+/* Distance of each pair in the last step, and number of pairs with a row in its program. */
 PEER_API void peer_distances(const void *peer, double *distances);
 PEER_API int32_t peer_rows(const void *peer);
 

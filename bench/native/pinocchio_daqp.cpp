@@ -1,9 +1,9 @@
 /*
- * A step of differential inverse kinematics as it is written in C++: Pinocchio's Jacobian, and a
- * quadratic program inside the joints' limits of position, speed and acceleration, which daqp
- * solves from where it was. The same task and limits as pink's frame task. Where it has been given
- * pairs, Coal's distance of each, and a row for those that could come too near in a step: which these
- * are, and what they may, is as in cardan/gateway/servo/servo.py.
+ * A step of differential inverse kinematics in C++: Pinocchio's Jacobian, and a quadratic program
+ * within the joints' limits of position, speed and acceleration, which daqp solves with a warm
+ * start. Task and limits are those of pink's frame task. With pairs of bodies, Coal's distance of
+ * each, and a row for those that could come too near in a step, selected and limited as in
+ * cardan/gateway/servo/servo.py.
  */
 #include <algorithm>
 #include <cmath>
@@ -153,7 +153,7 @@ struct Peer {
         free_daqp_ldp(&work);
     }
 
-    /* Speeds of the joints that the next step may have; a joint beyond its range comes back. */
+    /* Limits of the joint speeds in the next step; a joint beyond its range returns. */
     void bound(double dt)
     {
         for (int i = 0; i < arm.joints; i++) {
@@ -183,7 +183,7 @@ struct Peer {
         rows.reserve(pairs.size());
     }
 
-    /* How fast the distance of a pair grows per joint speed: both nearest points are on the normal. */
+    /* Derivative of a pair's distance by each joint speed: both nearest points are on the normal. */
     void differentiate(const PeerPair &pair, const coal::DistanceResult &found, Vector &gradient) const
     {
         const Eigen::Vector3d &point = found.nearest_points[1];
@@ -232,7 +232,7 @@ struct Peer {
             lowest[n + i] = rows[i].least;
         }
         problem.m = n + int(rows.size());
-        /* Which pairs the rows are of may be others than before: none of them is known to act. */
+        /* The rows may belong to other pairs than before: no constraint is known to be active. */
         std::fill_n(work.sense + n, MOST_ROWS, DAQP_SOFT);
     }
 

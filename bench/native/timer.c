@@ -1,10 +1,10 @@
 /*
- * The floor of a periodic loop: it waits for an instant, and does nothing.
+ * Baseline of a periodic loop: it waits for each instant, and does nothing.
  *
  *     timer PERIOD_US SECONDS      prints a JSON object: instants, those missed, and the median and
  *                                  p99 of the lateness, ns
  *
- * An instant is missed when the next one is due before it has begun.
+ * An instant is missed if the next one is due before it has begun.
  */
 #include <sched.h>
 #include <stdint.h>
@@ -43,7 +43,7 @@ int main(int count, char **words)
         perror("timer");
         return 1;
     }
-    /* Where the system does not let it, it is an ordinary process, as a session would be. */
+    /* Without the permission it is an ordinary process, like a session. */
     (void)!sched_setscheduler(0, SCHED_FIFO, &priority);
     (void)!mlockall(MCL_CURRENT | MCL_FUTURE);
     int64_t start_ns = now_ns();

@@ -2,8 +2,8 @@
 
     python -m bench network [--pages] [--publication] [--session] [--command] [--clients]
 
-All four, or those that are named. Everything is printed as docs/measurements.md has it between its
-markers; `--pages` also writes it there. Each table compares what was measured in one run.
+Runs all four, or the named ones, and prints the tables of docs/measurements.md. `--pages` also
+writes them between the page's markers. Each table compares what was measured in one run.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PARTS = {
 
 
 def main() -> None:
-    """Measure and print; write where it is asked for."""
+    """Measure and print; with `--pages`, write the tables into the page."""
     chosen = [name for name in PARTS if f"--{name}" in sys.argv[1:]] or list(PARTS)
     measured = {}
     for name in chosen:

@@ -1,5 +1,5 @@
-"""Clients of rosbridge, in processes of their own: ones that count, one that says how old its
-messages are, one that hardly reads."""
+"""Clients of rosbridge in separate processes: some count, one measures the age of messages, one
+reads slowly."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ _UPGRADE = (
 
 _PING_BYTES = 4
 _PING = bytes((0x80 | Opcode.PING, _PING_BYTES))
-"""Head of the frame as the library sends it."""
+"""Header of a WebSocket frame as the library sends it."""
 
 ANSWER_WITHIN_S = 20.0
 
 
 class Place(NamedTuple):
-    """Address on this computer to which clients connect."""
+    """Local address to which clients connect."""
 
     port: int
     path: str = "/"
 
 
 class Heard(NamedTuple):
-    """Messages that arrived while the clients listened."""
+    """Messages that arrived in a measurement."""
 
     messages: float
-    """Of one client on average; of those that count, by the average length of a message."""
+    """Average per client; for the counting ones from the average length of a message."""
     ages_s: list[float]
-    """From the stamp in a message's header until a client had read it."""
+    """Times from the stamp in a message's header until a client has read it."""
 
 
 class Audience:
-    """So many clients; the first one says how old its messages are."""
+    """A number of clients, the first of which measures the age of its messages."""
 
     def __init__(self, crowd: Connection, probe: Connection, clients: int) -> None:
         self._crowd, self._probe, self._clients = crowd, probe, clients
@@ -59,7 +59,7 @@ class Audience:
             _answer(each)
 
     def heard(self) -> Heard:
-        """Since the last time."""
+        """Return the messages since the last call."""
         for each in (self._crowd, self._probe):
             each.send(None)
         received_bytes = _answer(self._crowd)
@@ -80,7 +80,7 @@ def _answer(pipe: Connection) -> Any:
 def audience(
     place: Place, topics: Sequence[str], clients: int, crawling: bool = False
 ) -> Iterator[Audience]:
-    """Connect `clients`; with `crawling`, one more that reads a kilobyte a second."""
+    """Connect `clients` clients; with `crawling`, one more that reads 1 kB/s."""
     context = multiprocessing.get_context("spawn")
     pipes, processes = [], []
     for target, count in ((_crowd, clients - 1), (_probe, int(crawling))):
@@ -120,7 +120,8 @@ def _client(place: Place) -> socket.socket:
 
 
 def _answer_ping(client: socket.socket, data: bytes) -> None:
-    """A server lets those go that answer none. Texts are ASCII, and have no such byte."""
+    """Answer a ping; otherwise the server disconnects the client. Text messages are ASCII and never
+    contain the ping's first byte."""
     at = data.find(_PING)
     if at >= 0:
         payload = data[at + len(_PING) :][:_PING_BYTES]
@@ -156,11 +157,11 @@ def _crowd(place: Place, topics: Sequence[str], count: int, pipe: Connection) ->
             for client in clients:
                 client.sendall(_frames(topics, asked))
             pipe.send("done")
-        time.sleep(0.002)  # As a page does that draws: many messages at a time.
+        time.sleep(0.002)  # Like a page that draws: it processes many messages at a time.
 
 
 def _probe(place: Place, topics: Sequence[str], crawling: int, pipe: Connection) -> None:
-    """A client that reads all it gets; beside it one that hardly reads."""
+    """Client that reads all messages; with another one that reads slowly."""
     over = threading.Event()
     crawler = threading.Thread(target=_crawl, args=(place, topics, over))
     if crawling:
@@ -188,7 +189,7 @@ def _probe(place: Place, topics: Sequence[str], crawling: int, pipe: Connection)
             now_s = time.time()
             message = json.loads(text).get("msg")
             if message is None:
-                continue  # The console asks its pages what time it is.
+                continue  # The console's server asks its pages for their time.
             data = text.encode()
             lengths.append(len(Frame(Opcode.TEXT, data).serialize(mask=False)))
             header = message.get("header")
@@ -201,7 +202,7 @@ def _probe(place: Place, topics: Sequence[str], crawling: int, pipe: Connection)
 
 
 def _crawl(place: Place, topics: Sequence[str], over: threading.Event) -> None:
-    """A client that reads a kilobyte a second, all the time."""
+    """Client that reads 1 kB/s without end."""
     with _client(place) as client:
         client.sendall(_frames(topics, True))
         while not over.wait(0.1) and client.recv(100):

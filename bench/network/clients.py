@@ -1,4 +1,4 @@
-"""rosbridge under load: clients that watch all of a session, and what the session notices."""
+"""rosbridge under load: clients that subscribe to everything, and the effect on the session."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from studies.cartesian.sessions import (
 RATE_HZ = 60.0
 CLIENTS = (1, 10, 50)
 TURN_S, TURNS = 2.0, 6
-"""Turns with clients that listen, each after one with the same clients that do not."""
+"""Each turn with listening clients follows one in which the same clients do not listen."""
 
 TOPICS = (
     *(f"/{DEFAULT_NAME}/state/{name}" for name in ("pose", "target", "twist", "wrench", "status")),
@@ -41,32 +41,32 @@ TOPICS = (
     *(f"/measured_{name}" for name in ("js", "cp", "cf")),
     *(f"/setpoint_{name}" for name in ("js", "cp", "cv")),
 )
-"""Topics that a session with `other_names` publishes in each instant of an engaged arm."""
+"""Topics that a session with `other_names` publishes at each instant of an engaged arm."""
 
 SETTLE_S = 0.5
-"""After clients have subscribed or left."""
+"""Settling time after clients have subscribed or left."""
 
 
 class Load(NamedTuple):
-    """Measurement with a number of clients."""
+    """Measurement with one number of clients."""
 
     clients: int
     crawling: bool
     cpu_share: float
-    """Of the server, of one core."""
+    """CPU time of the server, as a share of one core."""
     received_share: float
     ages_s: list[float]
     quiet_s: list[float]
-    """The session's answers without clients, ..."""
+    """Answer times of the session without clients, ..."""
     loud_s: list[float]
     """... and with them."""
     grown_bytes: int
-    """The server's memory, from before its clients came to their last turn."""
+    """Growth of the server's memory from before its clients came until their last turn."""
 
 
 @contextmanager
 def server(name: str, endpoint: str) -> Iterator[tuple[int, int]]:
-    """``cardan net server NAME``; its port and its process."""
+    """Run ``cardan net server NAME``; yield its port and process id."""
     words = ["net", "server", name, "--router", endpoint, "--port", "0", "--log-level", "warning"]
     command = [sys.executable, "-m", "cardan", *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -106,7 +106,7 @@ def load(
     topics: Sequence[str] = TOPICS,
     rate_hz: float = RATE_HZ,
 ) -> Load:
-    """Turns with and without these clients' subscriptions."""
+    """Measure turns with and without these clients' subscriptions."""
     before_bytes = resident_bytes(pid)
     quiet_s: list[float] = []
     loud_s: list[float] = []
@@ -119,7 +119,7 @@ def load(
             quiet_s += _answers(robot)
             with keep_alive([robot]):
                 with network_arm(options=BusOptions(router=endpoint)) as arm:
-                    # So that the arm has a target, whatever has disengaged it before.
+                    # Give the arm a target, even if it has been disengaged meanwhile.
                     arm.set_parameter(Parameter.STREAM, Stream.TWIST)
                 listening.listen(True)
                 time.sleep(SETTLE_S)
@@ -151,7 +151,7 @@ def load(
 
 
 def _answers(robot: Robot) -> list[float]:
-    """The session's times to its answers, s."""
+    """Return the session's answer times, s."""
     found = []
     clock = time.perf_counter
     gc.disable()
@@ -168,7 +168,7 @@ def _answers(robot: Robot) -> list[float]:
 
 
 def table(loads: list[Load]) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     lines = [
         "| clients | messages/s | CPU of the server | for each client | received "
         "| age, median / p99 | session's p99, none / all listening | ratio "

@@ -1,5 +1,5 @@
-"""A process that subscribes to what sessions publish, and reads nothing: ``python -m`` this module
-with their endpoints as a JSON list. It prints READY, and ends with its input."""
+"""Process that subscribes to the topics of sessions and reads nothing: ``python -m`` this module
+with the endpoints as a JSON list. It prints READY and ends at the end of its standard input."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from cardan.gateway.bus.record_topics import CONTROLLER_LOG_TOPIC
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS
 
 JOIN_WITHIN_S = 20.0
-"""A small computer that starts several programs at once takes seconds for each."""
+"""Startup timeout: a small computer that starts several programs at once needs seconds for each."""
 
 MATCH_S = 1.0
-"""Until a session knows that it is listened to."""
+"""Time until a session has noticed its subscribers."""
 
 
 def listen(endpoints: Sequence[str]) -> None:
-    """Subscribe to all topics but those for recorders."""
+    """Subscribe to all topics except those for recorders."""
     with contextlib.ExitStack() as stack:
         retained = []
         for endpoint in endpoints:
@@ -35,7 +35,7 @@ def listen(endpoints: Sequence[str]) -> None:
                 raise RuntimeError(f"there is no session at {endpoint}")
             for topic, known in network.topics().items():
                 if known.publishers and not _for_recorders(topic):
-                    # Zenoh's own threads receive it, and keep the newest.
+                    # Zenoh's own threads receive the messages and keep the newest.
                     ring = zenoh.handlers.RingChannel(1)
                     key = f"{options.domain}{topic}/**"
                     retained.append(network.node.declare_subscriber(key, ring, DEFAULT_QOS))

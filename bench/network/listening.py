@@ -1,4 +1,4 @@
-"""Subscriber to everything that sessions publish, in a process of its own."""
+"""Subscriber to all topics of sessions, in a separate process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 @contextlib.contextmanager
 def listener(endpoints: Sequence[str]) -> Iterator[None]:
-    """A process that subscribes to everything on the buses at `endpoints` and reads nothing."""
+    """Run a process that subscribes to everything on the buses at `endpoints` and reads nothing."""
     words = [sys.executable, "-m", "bench.network.listener", json.dumps(list(endpoints))]
     process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:

@@ -1,4 +1,4 @@
-"""Time that a session's loop spends on the network after the robot's answer has left."""
+"""Time that a session's loop spends on publication after the robot's answer has left."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cardan.gateway.session.session import make_session
 from studies.cartesian.sessions import PERIOD_S, as_a_controller, free_endpoint, quantile
 
 AIM_S = 25e-6
-"""Of one publication."""
+"""Limit for one publication."""
 
 SETTLE_S = 6.0
-"""Before the first turn: a session keeps cycles for recorders that are found late."""
+"""Wait before the first turn: a new session keeps cycles for recorders that are discovered late."""
 
 TURN_S, TURNS = 3.0, 8
 RATES_HZ = (50.0, 250.0)
@@ -29,17 +29,17 @@ ALONE, HEARD = "no subscribers", "all topics subscribed"
 
 
 class _Clock:
-    """Times what a session does for the network, by the name of the method."""
+    """Timer of the session's network methods, by name."""
 
     def __init__(self) -> None:
         self.kind = ""
-        """Of the turn; empty: nothing is kept."""
+        """Kind of the current turn; empty: samples are discarded."""
         self.rows: dict[tuple[str, str], list[float]] = {}
         self.puts = self.instants = 0
         self._began_s = 0.0
 
     def turn(self, kind: str) -> None:
-        """Keep what is timed during a turn."""
+        """Keep the samples of one turn."""
         self.kind = kind
         time.sleep(TURN_S)
         self.kind = ""
@@ -72,7 +72,8 @@ class _Clock:
         return timed
 
     def _ending(self, publish: Callable[..., None]) -> Callable[..., None]:
-        """From where an instant is due: what is published has to be found out, too."""
+        """Measure from the due time of an instant, because deciding what to publish takes time,
+        too."""
 
         def timed(*arguments: Any) -> None:
             publish(*arguments)
@@ -94,7 +95,7 @@ class _Clock:
 
     @contextmanager
     def counting(self) -> Iterator[None]:
-        """Count the messages of the instants, which takes time of its own."""
+        """Count the messages of the instants; counting itself takes time."""
         put, publish = Publisher.put, SessionNetwork.publish
 
         def counted(*arguments: Any) -> None:
@@ -115,17 +116,17 @@ class _Clock:
 
 
 class Cost(NamedTuple):
-    """Of one session, s."""
+    """Cost for one session, s."""
 
     rate_hz: float
     messages: float
-    """Of an instant."""
+    """Mean number of messages per instant."""
     rows: dict[tuple[str, str], list[float]]
     scheduling: str
 
 
 def measure(rate_hz: float) -> Cost:
-    """A session of a simulated UR5 at 250 Hz; its listeners come and go."""
+    """Measure a session of a simulated UR5 at 250 Hz, with and without listeners in turn."""
     endpoint = free_endpoint()
     session = make_session(
         parse_config(
@@ -160,7 +161,7 @@ def measure(rate_hz: float) -> Cost:
 
 
 def table(costs: list[Cost]) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     lines = [
         "| state published | | publications of an instant | one instant, median / p99 | one "
         f"publication, median | aim, {AIM_S * 1e6:g} µs |",

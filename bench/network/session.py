@@ -1,4 +1,5 @@
-"""Robot state in to answer out of whole sessions, with and without the network, in one run."""
+"""Latency of whole sessions from robot state to answer, with and without the network, in one
+run."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from studies.cartesian.sessions import (
 )
 
 AIM = 1.1
-"""Times the p99 of the session without the network."""
+"""Limit for the p99, as a multiple of that of the session without the network."""
 
 WARM_UP_S = 3.0
 BLOCK_CYCLES, BLOCKS = 1000, 12
@@ -34,19 +35,19 @@ RATES_HZ = (50.0, 250.0)
 
 
 class Answers(NamedTuple):
-    """Of one session."""
+    """Answers of one session."""
 
     blocks: list[list[float]]
-    """Times to the answers, s."""
+    """Answer times, s."""
     unanswered: int
 
     def quantile(self, share: float) -> float:
-        """Of all blocks together."""
+        """Quantile over all blocks."""
         return quantile([each for block in self.blocks for each in block], share)
 
 
 def measure() -> dict[str, Answers]:
-    """Three sessions whose device moves, asked in turns; everything that is published is heard."""
+    """Measure three sessions with moving devices in turns; all topics are subscribed to."""
     endpoints = {f"all topics at {rate:g} Hz": (free_endpoint(), rate) for rate in RATES_HZ}
     tables = {WITHOUT: MODEL}
     tables |= {name: MODEL + network_table(*each) for name, each in endpoints.items()}
@@ -70,8 +71,8 @@ def measure() -> dict[str, Answers]:
 
 
 def _ask(robots: dict[str, Robot], order: tuple[str, ...], cycles: int) -> dict[str, list[float]]:
-    """So many cycles; the sessions' slots are apart, so that none is asked while another one
-    publishes."""
+    """Run this many cycles; the slots of the sessions do not overlap, so that no state is sent
+    while another session publishes."""
     took: dict[str, list[float]] = {name: [] for name in order}
     clock = time.perf_counter
     slot_s = clock()
@@ -88,7 +89,7 @@ def _ask(robots: dict[str, Robot], order: tuple[str, ...], cycles: int) -> dict[
 
 
 def table(found: dict[str, Answers]) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     base = found[WITHOUT]
     lines = [
         "| session | median | p99 | times without: median | p99 | p99 of blocks of "

@@ -2,11 +2,11 @@
 
     python -m bench sessions [COUNT]... [--pages] [--seconds=15]
 
-By default 1, 4, 8, 16, 24 and 32 sessions of one `cardan daemon run`, each with the arm's model of
-a GoFa, guided by EGM, and a SpaceMouse that moves it; then, by halving, the largest number of
-sessions that miss no more than a thousandth of their control instants. Robots and mice are played
-by one process in C (crowd.c), which measures from outside when each answer came. Five minutes at
-most. `--pages` writes the table into docs/measurements.md.
+By default 1, 4, 8, 16, 24 and 32 sessions of one `cardan daemon run`, each with the model of a GoFa
+driven over EGM and a SpaceMouse that moves it; then, by bisection, the largest number of sessions
+that miss at most 0.1 % of their control instants. Robots and mice are played by one process in C
+(crowd.c), which measures the arrival of each answer from outside. Five minutes at most. `--pages`
+writes the table into docs/measurements.md.
 """
 
 from __future__ import annotations
@@ -28,17 +28,19 @@ PART = "sessions"
 COUNTS = (1, 4, 8, 16, 24, 32)
 WARM_UP_S, SECONDS = 4.0, 15.0
 BOUND_S = 280.0
-"""The search ends when the next measurement would end after this."""
+"""Time budget of the search: a measurement that would end later is not started."""
 
 ALLOWED_SHARE = 0.001
-"""Of the control instants that may be missed."""
+"""Largest share of control instants that may be missed."""
 
 SPREAD = 0.15
-"""The cost of a session shall differ from the mean of all numbers by no more."""
+"""Limit for the relative deviation of a session's cost from its mean over all numbers of
+sessions."""
 
 
 AIM_COST, AIM_SESSIONS, AIM_MEMORY_MB = 0.045, 32, 30.0
-"""Of a processor for a session; on two processors; for a further session."""
+"""Share of a processor per session; number of sessions on two processors; memory per further
+session."""
 
 
 def good(row: Row) -> bool:
@@ -49,8 +51,8 @@ def good(row: Row) -> bool:
 def search(
     measure: Callable[[int], Row], counts: tuple[int, ...], in_time: Callable[[], bool]
 ) -> list[Row]:
-    """Rows of `counts`, and of the numbers between the last good and the first bad one of them, as
-    far as time allows; in the order of the numbers."""
+    """Return the rows for `counts` and for numbers between the last good and the first bad one, as
+    far as time allows, sorted by number."""
     rows: dict[int, Row] = {}
     for count in counts:
         if rows and not in_time():
@@ -66,15 +68,15 @@ def search(
 
 
 def bounds(rows: dict[int, Row]) -> tuple[int, int | None]:
-    """The largest number below every bad one, 0 without one, and the smallest bad one."""
+    """Return the largest number below every bad one (0 without one), and the smallest bad one."""
     worse = min((count for count, row in rows.items() if not good(row)), default=None)
     fine = [count for count in rows if worse is None or count < worse]
     return max(fine, default=0), worse
 
 
 def spread(rows: list[Row]) -> tuple[float, float]:
-    """Mean cost of a session over the numbers that are not too many, and the largest deviation of
-    one of them, as a share of it."""
+    """Return the mean cost of a session over all good numbers of sessions, and the largest relative
+    deviation from it."""
     means = [row.mean for row in rows if good(row)]
     if not means:
         return 0.0, 0.0
@@ -83,7 +85,7 @@ def spread(rows: list[Row]) -> tuple[float, float]:
 
 
 def further_mb(rows: list[Row]) -> float | None:
-    """Memory that each further session takes, all of it counted: what the daemon has of it, too."""
+    """Memory that each further session takes, including its share in the daemon."""
     first, last = rows[0], rows[-1]
     if last.sessions == first.sessions:
         return None
@@ -111,7 +113,7 @@ def _verdict(met: bool) -> str:
 
 
 def table(rows: list[Row], conditions: str) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     lines = [
         "| sessions | each session | daemon | robots and mice | everything else | missed "
         "| of the worst | moved | answer p50 / p99 | memory of a session |",
@@ -155,7 +157,7 @@ def table(rows: list[Row], conditions: str) -> str:
 
 
 def measure_all(counts: tuple[int, ...], seconds: float) -> str:
-    """Measure, saying each row as it comes; the table."""
+    """Measure, printing each row; return the table."""
     load = os.getloadavg()[0]
     began_s = time.monotonic()
     longest_s = 0.0
@@ -195,7 +197,7 @@ def measure_all(counts: tuple[int, ...], seconds: float) -> str:
 
 
 def _again(measured: Lab, count: int, seconds: float) -> Row:
-    """Measure; once more where a session did not begin in time."""
+    """Measure; retry once if a session did not start in time."""
     try:
         return measured.measure(count, WARM_UP_S, seconds)
     except CardanError as error:
@@ -204,7 +206,7 @@ def _again(measured: Lab, count: int, seconds: float) -> Row:
 
 
 def main() -> None:
-    """Measure and print; write where it is asked for."""
+    """Measure and print; with `--pages`, write the table into the page."""
     words = sys.argv[1:]
     counts = tuple(sorted({int(word) for word in words if word.isdecimal()})) or COUNTS
     given = [word.partition("=")[2] for word in words if word.startswith("--seconds=")]

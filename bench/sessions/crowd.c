@@ -1,20 +1,20 @@
-/* Many robots and operators in one light process, and how fast each robot is answered.
+/* Many robots and operators in one light process, with the answer time of each robot.
 
    crowd FOLDER TEMPLATE PLACES PRESSED RELEASED PORT...
 
    One robot for each port: it sends TEMPLATE, an EGM datagram in hexadecimal digits, to
    127.0.0.1:PORT every 4 ms, with its own counters and joints at PLACES (offsets in bytes: sequence
-   number, tm, joints of feedBack, joints of planned, their clocks), and is at once where the answer
-   says; its pose stays. One
-   SpaceMouse for each at FOLDER/N.mouse, a packet socket whose packets are HID reports; PRESSED and
-   RELEASED are its button reports. Its hand holds the dead-man and moves in circles.
+   number, tm, joints of feedBack, joints of planned, their clocks). It moves at once to the joints
+   of the answer; its pose stays constant. Each robot has a SpaceMouse at FOLDER/N.mouse, a packet
+   socket whose packets are HID reports; PRESSED and RELEASED are its button reports. The simulated
+   operator holds the dead-man and moves in circles.
 
-   READY SCHEDULING is printed when all are served. `play COUNT WARM_UP SECONDS` on standard input
-   has the first COUNT of them play; BEGIN is printed after the warm-up, and the figures of the
-   SECONDS after it as one JSON object. It ends with its standard input.
+   READY SCHEDULING is printed when all sockets are open. `play COUNT WARM_UP SECONDS` on standard
+   input starts the first COUNT robots; BEGIN is printed after the warm-up, and after SECONDS more
+   the figures as one JSON object. The program ends at the end of its standard input.
 
-   Answers are stamped by the kernel as they arrive, and read before the robot's next instant: who
-   plays costs as little as can be, and its own delays are in no figure but those of its own. */
+   The kernel stamps answers on arrival, and they are read before the robot's next instant: playing
+   costs little time, and the player's delays appear only in its own figures. */
 
 #include <errno.h>
 #include <fcntl.h>
@@ -49,7 +49,7 @@ enum {
 #define LOOK_NS 50000000LL  /* How often it looks for programs that open a mouse. */
 #define PRIORITY 20         /* Above the sessions': real robots need no processor of this computer. */
 
-/* The hand: at rest, dead-man pressed, circles, at rest, let go; s since it began. */
+/* Device motion: at rest, dead-man pressed, circles, at rest, released; s since the start. */
 #define HAND_S 6.0
 #define PRESS_S 0.25
 #define MOVE_S 0.4
@@ -116,7 +116,7 @@ static size_t from_hex(const char *text, uint8_t *to, size_t room) {
     return bytes;
 }
 
-/* A varint in the bytes that the template has for it. */
+/* Write a varint into the bytes reserved for it in the template. */
 static void put_number(uint8_t *to, int bytes, uint32_t value) {
     for (int i = 0; i < bytes; i++) {
         to[i] = (uint8_t)((value & 0x7f) | (i < bytes - 1 ? 0x80 : 0));
@@ -170,7 +170,7 @@ static int next_field(const uint8_t **from, const uint8_t *end, const uint8_t **
     return (int)(tag >> 3);
 }
 
-/* An EgmSensor: the tm of its header, which is that of what it answers, and planned joints, deg. */
+/* An EgmSensor: the tm of its header, repeated from the state, and planned joints, deg. */
 static bool decode(const uint8_t *data, size_t size, uint32_t *tm, double *joints) {
     const uint8_t *end = data + size, *part = NULL, *inner = NULL, *deepest = NULL;
     uint64_t value;
@@ -297,7 +297,7 @@ static void report(struct mouse *mouse, int64_t at_ns) {
     mouse->rotation_next = !mouse->rotation_next;
 }
 
-/* Let programs open the mice; a program that has left, or only looked, is forgotten. */
+/* Accept programs at the mice; forget those that have closed the connection. */
 static void meet(void) {
     for (int i = 0; i < count; i++) {
         struct mouse *mouse = &mice[i];
@@ -320,7 +320,7 @@ static void play(int number, double warm_up_s, double seconds) {
     int64_t measure_ns = begin_ns + (int64_t)(1e9 * warm_up_s);
     int64_t end_ns = measure_ns + (int64_t)(1e9 * seconds), look_ns = begin_ns;
     for (int i = 0; i < number; i++) {
-        /* Robots of their own have no common beat: spread evenly, in no order. */
+        /* Separate robots have no common clock: spread their phases evenly, in shuffled order. */
         int64_t shift_ns = (int64_t)(fmod(0.6180339887 * i, 1.0) * PERIOD_NS);
         struct robot *robot = &robots[i];
         read_answers(robot);

@@ -1,4 +1,4 @@
-"""Robots and operators of the sessions that are measured, played by one light process in C."""
+"""Robots and operators of the measured sessions, played by one process in C."""
 
 from __future__ import annotations
 
@@ -24,34 +24,36 @@ from cardan.robots import load_arm
 ARM = "gofa_crb15000_5"
 
 MODEL = "spacemouse-compact"
-"""Of the mice."""
+"""Model of the mice."""
 
 SOURCE = Path(__file__).with_name("crowd.c")
 
 NUMBER = 0xFFFF_FFFF
-"""Stands for the sequence number and the clock: as long as a number of EGM's header can be."""
+"""Placeholder of the sequence number and the clock: the longest encoding of a number in EGM's
+header."""
 
 AS_VARINT = b"\xff\xff\xff\xff\x0f"
 
 TIME_US = NUMBER * 1_000_000 + 999_999
-"""Stands for the clock of a measurement, likewise."""
+"""Placeholder of a measurement's clock, likewise."""
 
 
 class Played(NamedTuple):
-    """Counts of a crowd of robots that was played for a while."""
+    """Counts of one run of the player."""
 
     sent: int
     """Control instants of all robots."""
     missed: int
-    """Instants without an answer before the next one."""
+    """Instants without an answer before the next instant."""
     worst: int
-    """Most that one robot missed."""
+    """Largest number of misses of one robot."""
     moved: int
     """Answers that moved their robot."""
     skipped: int
-    """Instants that the player was too late for; they count for no session."""
+    """Instants for which the player itself was late; they count for no session."""
     p50_s: float
-    """From the datagram's leaving to the answer's arriving, by the kernel's stamp."""
+    """Median time from sending the datagram to the arrival of the answer, by the kernel's time
+    stamp."""
     p99_s: float
     late_p99_s: float
     """Delay of the player's own datagrams."""
@@ -59,13 +61,13 @@ class Played(NamedTuple):
 
     @property
     def missed_share(self) -> float:
-        """Share of the instants."""
+        """Share of missed instants."""
         return self.missed / self.sent if self.sent else 0.0
 
 
 def template() -> tuple[bytes, tuple[int, int, int, int, int, int]]:
     """Return the message of a robot at its home, and the offsets in it of the sequence number, the
-    header's clock, the measured and the planned joints, and their clocks."""
+    header's clock, the measured and planned joints, and their clocks."""
     joints = tuple(load_arm(ARM).home)
     pose = to_pose(kinematics(ARM).forward(np.array(joints)))
     home = EgmMotion(joints, EgmPose(pose.position, pose.orientation), time_us=TIME_US)
@@ -83,22 +85,22 @@ def template() -> tuple[bytes, tuple[int, int, int, int, int, int]]:
     )
     sequence = data.index(AS_VARINT)
     clock = data.index(AS_VARINT, sequence + len(AS_VARINT))
-    # Field joints of 54 bytes, in it joints of 9 bytes each: a tag, and a double.
+    # The field joints has 54 bytes: joints of 9 bytes each, a tag and a double.
     measured = data.index(b"\x0a\x36\x09") + 3
     planned = data.index(b"\x0a\x36\x09", measured) + 3
-    # Field time: its seconds, a tag, its microseconds.
+    # The field time: seconds, a tag, microseconds.
     measured_clock = data.index(AS_VARINT, measured)
     planned_clock = data.index(AS_VARINT, planned)
     return data, (sequence, clock, measured, planned, measured_clock, planned_clock)
 
 
 def compiler() -> str | None:
-    """The C compiler, where there is one."""
+    """Return the C compiler, if there is one."""
     return shutil.which(os.environ.get("CC", "cc"))
 
 
 def build(folder: Path, *more: str) -> Path:
-    """The program, compiled into `folder`; `more`: flags. Raises DriverError."""
+    """Return the program, compiled into `folder`; `more`: flags. Raises DriverError."""
     cc = compiler()
     if cc is None:
         raise DriverError("there is no C compiler (Debian: apt-get install gcc libc6-dev)")
@@ -109,10 +111,11 @@ def build(folder: Path, *more: str) -> Path:
 
 
 class Crowd:
-    """The process, which serves a mouse in `folder` for each port, and plays on request."""
+    """The player's process, which serves a mouse in `folder` for each port, and plays on
+    request."""
 
     def __init__(self, folder: Path, ports: Sequence[int], *flags: str) -> None:
-        """`flags` of the compiler, beside its own."""
+        """`flags`: additional compiler flags."""
         data, places = template()
         words = (
             folder, data.hex(), ",".join(map(str, places)), encode_buttons(1, 3).hex(),
@@ -128,7 +131,7 @@ class Crowd:
 
     @staticmethod
     def mouse(folder: Path, number: int) -> Path:
-        """Path of the mouse of that number."""
+        """Return the path of the mouse with that number."""
         return folder / f"{number}.mouse"
 
     @property
@@ -139,7 +142,7 @@ class Crowd:
     def play(
         self, count: int, warm_up_s: float, seconds: float, begun: Callable[[], None]
     ) -> Played:
-        """Have the first `count` play; `begun` is called when the warm-up is over."""
+        """Play the first `count` robots; `begun` is called after the warm-up."""
         assert self._process.stdin is not None
         self._process.stdin.write(f"play {count} {warm_up_s} {seconds}\n")
         self._process.stdin.flush()

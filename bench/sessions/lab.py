@@ -1,5 +1,4 @@
-"""The sessions that are measured: one `cardan daemon run`, whose sessions start as they are
-needed."""
+"""The measured sessions: one `cardan daemon run`, whose sessions start on demand."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 
 STARTS_WITHIN_S = 90.0
-"""Longest wait until sessions have begun: thirty that start at once take a while."""
+"""Timeout for sessions to start: thirty at once need some time."""
 
 LOOK_S = 0.2
 
@@ -46,30 +45,30 @@ angular_speed_rad_s = 0.3
 
 
 class Row(NamedTuple):
-    """Measurement of a number of sessions. Shares of one processor."""
+    """Measurement of a number of sessions. Loads are shares of one processor."""
 
     sessions: int
     each: tuple[float, ...]
-    """Of each session's process."""
+    """Load of each session's process."""
     daemon: float
     crowd: float
-    """Of the process that plays robots and operators."""
+    """Load of the process that plays robots and operators."""
     others: float
-    """Of everything else on this computer."""
+    """Load of everything else on this computer."""
     memory_mb: float
-    """Of a session alone: half of what two share is counted to each (PSS), mean."""
+    """Mean memory of a session: PSS, which divides shared memory among its users."""
     daemon_mb: float
-    """Of the daemon and what it has started beside sessions, likewise."""
+    """PSS of the daemon and its other subprocesses."""
     played: Played
 
     @property
     def mean(self) -> float:
-        """Mean share of a session."""
+        """Mean load of a session."""
         return sum(self.each) / len(self.each)
 
     @property
     def memory_in_all_mb(self) -> float:
-        """Of all sessions and of the daemon."""
+        """Memory of all sessions and the daemon."""
         return self.sessions * self.memory_mb + self.daemon_mb
 
 
@@ -79,12 +78,12 @@ class Lab:
     def __init__(
         self, client: ControlClient, crowd: Crowd, daemon: int, most: int, servo: str
     ) -> None:
-        """`servo`: which one the sessions have, in words."""
+        """`servo`: description of the sessions' servo."""
         self._client, self.crowd, self._daemon, self.servo = client, crowd, daemon, servo
         self._names = [f"s{number:02}" for number in range(most)]
 
     def measure(self, count: int, warm_up_s: float, seconds: float) -> Row:
-        """Have `count` sessions run, and measure them. Raises DriverError."""
+        """Run `count` sessions and measure them. Raises DriverError."""
         pids = self._run(count)
         processes = (*pids, self._daemon, self.crowd.pid)
         before: list[float] = []
@@ -112,7 +111,7 @@ class Lab:
         return found
 
     def _run(self, count: int) -> list[int]:
-        """Have the first `count` run, and no others; their processes."""
+        """Run the first `count` sessions, stop all others, and return the processes."""
         for number, name in enumerate(self._names):
             self._client.ask("start" if number < count else "stop", name)
         deadline_s = time.monotonic() + STARTS_WITHIN_S
@@ -135,8 +134,8 @@ def _serves(row: dict[str, Any]) -> bool:
 
 @contextlib.contextmanager
 def lab(folder: Path, most: int) -> Iterator[Lab]:
-    """A lab of up to `most` sessions, none of which runs. Its files are in `folder`."""
-    # In a row, so that they are free all at once.
+    """A lab for up to `most` sessions, none of them running, with its files in `folder`."""
+    # Reserved together, so that all are free at the same time.
     first = free_ports(most)
     tables = [f'[daemon]\nsocket = "{folder}/cardan.sock"\nevent_log = "none"\n']
     for number in range(most):
@@ -171,7 +170,7 @@ def lab(folder: Path, most: int) -> Iterator[Lab]:
 
 
 def _servo(file: Path) -> str:
-    """Which servo the sessions of the file have, and how many pairs of bodies it keeps apart."""
+    """Describe the servo of the file's sessions and its number of pairs of bodies."""
     table = read_toml(file)["sessions"][0]
     config = parse_config({key: table[key] for key in table if key not in ("name", "start")})
     body: Any = make_controller(config, make_robot(config)).commanded
@@ -180,11 +179,11 @@ def _servo(file: Path) -> str:
 
 
 def _children(pid: int) -> set[int]:
-    """Processes that this one has started, by Linux's proc(5)."""
+    """List the child processes of this one, by Linux's proc(5)."""
     found: set[int] = set()
     for each in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
-            # The name may have spaces and brackets; state and parent follow it.
+            # The name may contain spaces and brackets; state and parent follow it.
             parent = each.read_text("utf-8", "replace").rpartition(")")[2].split()[1]
             if int(parent) == pid:
                 found.add(int(each.parent.name))
@@ -199,14 +198,14 @@ def _used_s(pid: int) -> float:
 
 
 def _busy_s() -> float:
-    """Time of all processors that were not idle, by Linux's proc(5)."""
+    """Busy time of all processors, by Linux's proc(5)."""
     with Path("/proc/stat").open(encoding="utf-8") as file:
         user, nice, system, _idle, _waiting, *rest = map(int, file.readline().split()[1:9])
     return (user + nice + system + sum(rest)) / 100.0
 
 
 def _memory_mb(pid: int) -> float:
-    """Memory of a process; what it shares with others is divided by their number."""
+    """Memory of a process (PSS): shared memory is divided by the number of its users."""
     for line in Path(f"/proc/{pid}/smaps_rollup").read_text("utf-8").splitlines():
         if line.startswith("Pss:"):
             return int(line.split()[1]) / 1024.0

@@ -2,12 +2,11 @@
 
     python -m bench soak --hours 2 --seed 1 --output FOLDER
 
-A daemon with four simulated arms, three simulated devices and two servers, each a process of its
-own; random motions move the devices, programs contend for the arms, and processes are killed,
-stopped, unplugged and fed with garbage. The rules are checked all the time. The
-report is written into the folder again and again; SIGINT ends the run. Exit status 1: a rule was
-broken. With ``--page`` the report of a run that was made before becomes that of
-docs/measurements.md.
+A daemon with four simulated arms, three simulated devices and two servers, each a separate process.
+Random scripts move the devices, programs contend for the arms, and processes are killed, stopped,
+unplugged and fed with garbage. The rules are checked continuously. The report in the folder is
+updated regularly; SIGINT ends the run. Exit status 1: a rule was broken. ``--page`` copies the
+report of an earlier run into docs/measurements.md.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from pathlib import Path
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run it, and print where the report is."""
+    """Run the soak, and print the report's path."""
     from bench.soak.page import rewrite_page
     from bench.soak.soak import Soak
     from cardan.common.signals import on_ending

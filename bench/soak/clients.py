@@ -1,4 +1,5 @@
-"""Programs that move the arms beside the devices: by the daemon, the command line and rosbridge."""
+"""Programs that compete with the devices for the arms: through the daemon, the command line and
+rosbridge."""
 
 from __future__ import annotations
 
@@ -26,35 +27,35 @@ from cardan.gateway.daemon.client import daemon_arm
 BETWEEN_S: Final = (0.5, 5.0)
 
 HOME_S: Final = 10.0
-"""Longest motion to where the arm began."""
+"""Longest motion back to an arm's start."""
 
 ANSWER_S: Final = 10.0
-"""Longest wait for an answer of rosbridge or the server for Prometheus."""
+"""Timeout for an answer of rosbridge or of the Prometheus server."""
 
 STARTS_S: Final = 15.0
-"""Longest time for a command line to move the arm."""
+"""Timeout for a command line to move the arm."""
 
 NOTES_S: Final = 1.0
-"""Motions that ended as soon as they had begun are reported within this."""
+"""Time within which motions that ended immediately are reported."""
 
 STREAM_S: Final = 0.02
 
 
 class Clients:
-    """All programs."""
+    """Programs that command the arms."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._stop = watch, watch.stop
         self._home: dict[str, list[float]] = {}
 
     def find_homes(self) -> None:
-        """Remember where the arms are. Raises CardanError."""
+        """Record the arms' start poses. Raises CardanError."""
         for name in ARMS:
             with self._arm(name, "alice") as arm:
                 self._home[name] = list(arm.stat().pose)
 
     def run(self) -> None:
-        """Perform random acts in turn until the run ends."""
+        """Perform random actions in sequence until the run ends."""
         rng = random.Random(f"{self._watch.seed}-clients")
         acts: tuple[tuple[Callable[[str, random.Random], str], int], ...] = (
             (self._go_home, 4), (self._jog, 4), (self._contend, 3), (self._vanish, 2),
@@ -76,7 +77,7 @@ class Clients:
         return daemon_arm(name, path=self._watch.lab.socket, source=source)
 
     def _go_home(self, name: str, _rng: random.Random) -> str:
-        """A program moves the arm to where it began."""
+        """A program moves the arm back to its start."""
         with self._arm(name, "alice") as arm, self._watch.asking(name, "alice"):
             motion = arm.movj(self._home[name])
             self._watch.asks(name, "alice")
@@ -106,7 +107,7 @@ class Clients:
             return str(motion.outcome.value)
 
     def _contend(self, name: str, rng: random.Random) -> str:
-        """Two programs ask for the same arm at once, each for a motion without an end."""
+        """Two programs request the same arm at once, each with an endless motion."""
         motions: dict[str, Any] = {}
         said: dict[str, str] = {}
 
@@ -126,7 +127,7 @@ class Clients:
                     thread.join()
                 for source in motions:
                     self._watch.asks(name, source)
-                # Motions that ended at once are reported right after the answers.
+                # Motions that ended immediately are reported right after the answers.
                 self._stop.wait(NOTES_S)
                 with self._watch.lock:
                     for source, motion in motions.items():
@@ -227,7 +228,7 @@ class Clients:
         return False
 
     def _slow_reader(self, name: str, rng: random.Random) -> str:
-        """A web page subscribes to everything of an arm, and does not read."""
+        """A web page subscribes to everything of an arm and does not read."""
         node = f"/{name.replace('-', '_')}/cartesian_control_server_ros2"
         with self._web(max_queue=1) as web:
             web.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

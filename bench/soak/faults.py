@@ -21,40 +21,40 @@ from bench.soak.watch import SETTLES_S, Watch
 from cardan.errors import CardanError
 
 STOPS_S: Final = (0.02, 0.1, 0.3, 1.2, 2.5, 5.0)
-"""For how long processes are stopped."""
+"""Durations for which processes are stopped."""
 
 NOTICED_S: Final = 1.0
-"""A stop of a session or a device that lasted as long must have ended what was asked for."""
+"""Duration of a stop of a session or device from which all requests for motion must have ended."""
 HEARTBEAT_NOTICED_S: Final = 1.2
-"""Of the daemon: sessions miss its beats after 0.5 s."""
+"""The same for a stop of the daemon: sessions miss its heartbeat after 0.5 s."""
 ROBOT_NOTICED_S: Final = 2.0
-"""Of a robot: the slowest one is given up after 1 s without its state."""
+"""The same for a stop of a robot: the slowest connection times out after 1 s without a state."""
 
 DOWN_S: Final = (0.5, 12.0)
-"""For how long a device or a robot is away."""
+"""Range of durations for which a device or a robot is absent."""
 
 BETWEEN_S: Final = (0.5, 8.0)
 
 STARTS_S: Final = 30.0
-"""Longest time for a simulated robot or device to start."""
+"""Timeout for a simulated robot or device to start."""
 
 RECORDS_S: Final = 8
 RECORDED_S: Final = 40.0
-"""Longest time for a recorder to start, record and end."""
+"""Timeout for a recorder to start, record and end."""
 
 OPERATOR_S: Final = 10.0
-"""After this an operator looks after a robot that does not come back by itself: a Motoman's drives
-are enabled anew by a new session, and a GoFa's RAPID program is started anew."""
+"""Time after which an operator attends to a robot that does not recover by itself: a new session
+re-enables a Motoman's drives, and a GoFa's RAPID program is restarted."""
 
 
 class Faults:
-    """All faults."""
+    """Fault injection, and the operator's recovery of the robots."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._lab, self._stop = watch, watch.lab, watch.stop
 
     def run(self) -> None:
-        """Inject random faults in turn until the run ends."""
+        """Inject random faults in sequence until the run ends."""
         rng = random.Random(f"{self._watch.seed}-faults")
         acts: tuple[tuple[Callable[[random.Random], tuple[str, str]], int], ...] = (
             (self._unplug, 6), (self._kill_device, 3), (self._stop_device, 5),
@@ -95,7 +95,8 @@ class Faults:
 
     def _stop_for(self, pid: int | None, rng: random.Random, noticed_s: float,
                   noticed: Callable[[], None]) -> float:  # fmt: skip
-        """Stop a process for a random time; `noticed` is called once others must have seen it."""
+        """Stop a process for a random time; call `noticed` once other processes must have detected
+        the stop."""
         lasts_s = rng.choice(STOPS_S)
         if pid is None:
             return 0.0
@@ -117,12 +118,12 @@ class Faults:
                 self._watch.operator_gone(device)
 
         if device not in SILENCE_NOTICED:
-            # Its last report stays in effect, also after the device was released.
+            # The last report stays in effect, also after the operator has released the device.
             self._watch.operator_asks(device, "held device")
         lasts_s = self._stop_for(self._lab.devices[device].pid, rng, NOTICED_S, noticed)
         self._stop.wait(SETTLES_S)
         self._watch.operator_gone(device, "held device")
-        # A device held at rest was not missed, and goes on.
+        # A device held at rest was not missed and continues.
         self._watch.operator_goes_on(device)
         return device, f"for {lasts_s:g} s"
 
@@ -148,7 +149,7 @@ class Faults:
         return arm, f"for {lasts_s:g} s"
 
     def _mortal(self, rng: random.Random) -> str:
-        """A session that may die."""
+        """Return a session that may be killed."""
         return rng.choice([each for each in ARMS if each != VETERAN])
 
     def _kill_session(self, rng: random.Random) -> tuple[str, str]:
@@ -244,7 +245,7 @@ class Faults:
         return where, f"{len(data)} packets"
 
     def _record(self, _rng: random.Random) -> tuple[str, str]:
-        """A recorder comes, and leaves."""
+        """A recorder starts, records and ends."""
         file = self._watch.folder / "tmp" / "record.mcap"
         router = f"tcp/127.0.0.1:{self._lab.ports['bus']}"
         process = subprocess.Popen(
@@ -265,7 +266,8 @@ class Faults:
         return "recorder", f"status {code}, {size / 1e6:.1f} MB"
 
     def operate(self) -> None:
-        """Do at the robots' pendants what only a person may do, until the run ends."""
+        """Perform the actions at the robots' pendants that only a person may do, until the run
+        ends."""
         since_s: dict[str, float] = {}
         while not self._stop.wait(1.0):
             now_s = time.monotonic()

@@ -1,4 +1,4 @@
-"""The lab of the soak: a daemon, four arms, three devices, each a process of its own."""
+"""The lab of the soak: a daemon, four arms and three devices, each a separate process."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from typing import IO, Any, Final
 ARMS: Final = ("gofa", "gp8", "ur5-a", "ur5-b")
 
 VETERAN: Final = "ur5-b"
-"""The session whose process is never killed: what grows slowly is seen in it."""
+"""Session whose process is never killed, to reveal slow growth."""
 
 SOURCES: Final = frozenset({"device", "verbs", "alice", "bob", "ros2", "daemon"})
 
 DEVICES_OF: Final = {"mouse": ("gofa", "gp8"), "pad": ("ur5-a",), "remote": ("ur5-b",)}
-"""Which arms each device can drive."""
+"""Arms that each device can drive."""
 
 SILENCE_NOTICED: Final = frozenset({"mouse", "remote"})
-"""Devices that report all the time while they are deflected. A pad sends changes only: while it is
-stopped, its silence is no sign."""
+"""Devices that report all the time while they are deflected. A gamepad sends changes only, so that
+its silence means nothing while it is stopped."""
 
 MARK: Final = "CARDAN_SOAK"
 """The environment variable that all processes of a soak have."""
 
 LOG_BYTES: Final = 5_000_000
-"""Most that is kept of what a process says; then the file is begun anew, once kept as .1."""
+"""Size limit of a process's log; the file is then renamed to .1 and restarted."""
 
 MAX_LINE_CHARACTERS: Final = 4000
 
@@ -150,7 +150,7 @@ port = {metrics}
 """
 
 SPEEDS_M_S: Final = (0.08, 0.1)
-"""Linear speed limits; a reload changes from one to the other."""
+"""Linear speed limits; a reload switches between them."""
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
@@ -175,7 +175,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class LabProcess:
-    """A process of the soak. Its output goes to a file of bounded size and to `line`."""
+    """A process of the soak. Its output goes to a file of limited size and to `line`."""
 
     def __init__(
         self,
@@ -190,7 +190,7 @@ class LabProcess:
         self._writing = threading.Lock()
 
     def start(self) -> None:
-        """Start it, where it does not run."""
+        """Start it if it is not running."""
         if self.process is not None and self.process.poll() is None:
             return
         self.ready.clear()
@@ -227,17 +227,17 @@ class LabProcess:
 
     @property
     def pid(self) -> int | None:
-        """Its process id while it runs."""
+        """Its process id while it is running."""
         running = self.process is not None and self.process.poll() is None
         return self.process.pid if running and self.process else None
 
     def send(self, number: int) -> None:
-        """Send it a signal, if it runs."""
+        """Send it a signal if it is running."""
         if self.pid is not None and self.process is not None:
             self.process.send_signal(number)
 
     def play(self, steps: list[list[Any]]) -> bool:
-        """Have a device do these steps, beginning now; whether it runs."""
+        """Make a device perform these steps from now on; return whether it is running."""
         script = {"at_s": time.monotonic(), "steps": steps}
         if self.pid is None or self.process is None or self.process.stdin is None:
             return False
@@ -249,8 +249,8 @@ class LabProcess:
         return True
 
     def end(self, number: int | None = signal.SIGTERM, within_s: float = 30.0) -> bool:
-        """End it by a signal, or by the end of its input; whether it ended by itself. It is killed
-        otherwise."""
+        """End it by a signal or the end of its input, then by SIGKILL; return whether it ended by
+        itself."""
         process = self.process
         if process is None:
             return True
@@ -275,10 +275,10 @@ class LabProcess:
 
 
 class Lab:
-    """All processes of a soak, in a folder of its own."""
+    """All processes of a soak, in a folder of the run."""
 
     def __init__(self, folder: Path, token: str, measured: Callable[[str, str], None]) -> None:
-        """`measured(arm, line)` gets what robots tell."""
+        """`measured(arm, line)` receives the robots' lines."""
         self.folder = folder
         for each in ("logs", "tmp", "run", "state", "remote"):
             (folder / each).mkdir(parents=True, exist_ok=True)
@@ -336,7 +336,7 @@ class Lab:
         return LabProcess(words, self.folder / "logs" / f"{name}.log", self.environment, line)
 
     def write(self) -> None:
-        """Write the daemon's file."""
+        """Write the daemon's configuration file."""
         text = LAYOUT.format(
             folder=self.folder,
             router=f"tcp/127.0.0.1:{self.ports['bus']}",
@@ -354,7 +354,7 @@ class Lab:
         }
 
     def start(self) -> None:
-        """Start all; returns once the daemon serves. Raises TimeoutError."""
+        """Start all; return once the daemon accepts requests. Raises TimeoutError."""
         for each in self.peers.values():
             each.start()
         self.daemon.start()
@@ -362,7 +362,7 @@ class Lab:
             raise TimeoutError(f"the daemon does not serve: see {self.daemon.log}")
 
     def end(self) -> list[str]:
-        """End all; what did not end by itself."""
+        """End all; return the processes that did not end by themselves."""
         stubborn = []
         if not self.daemon.end():
             stubborn.append("the daemon had to be killed")

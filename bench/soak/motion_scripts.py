@@ -1,4 +1,4 @@
-"""Random motion scripts of each device, as of an operator; they begin and end at rest."""
+"""Random motion scripts of each device, as by an operator; they begin and end at rest."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import random
 from typing import Any, Final, NamedTuple
 
 TOUCH_S: Final = 0.5
-"""A driver takes a device once it has heard of it and seen it at rest."""
+"""Time of the press: by then the driver has received data and has seen the device at rest."""
 
 
 class Episode(NamedTuple):
-    """A script for a device, and when in it the operator asks for motion."""
+    """A script for a device, and the interval in it in which the operator requests motion."""
 
     script: list[list[Any]]
     begins_s: float
@@ -62,11 +62,11 @@ LET_GO: Final[dict[str, list[list[Any]]]] = {
     "pad": [[0.0, "release", "left-shoulder"], [0.0, "neutral"]],
     "remote": [[0.0, "release", "a"], [0.0, "release", "b"], [0.0, "level"]],
 }
-"""All buttons let go, at rest."""
+"""Steps that release all buttons and return to rest."""
 
 UNPLUG: Final = {"mouse": "unplug", "pad": "unplug", "remote": "power-off"}
 PLUG: Final = {"mouse": "replug", "pad": "replug", "remote": "power-on"}
-"""The words of each device's script for going away and coming back."""
+"""Script verbs of each device for absence and return."""
 
 
 def episode(device: str, rng: random.Random) -> Episode:

@@ -1,4 +1,4 @@
-"""The report of a run as part of a page."""
+"""Copying the report of a run into a page."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ PAGE = Path(__file__).parents[2] / "docs" / "measurements.md"
 
 
 def violations_of(folder: Path) -> list[Violation]:
-    """The violations of a run, by its folder."""
+    """Return the violations of the run in a folder."""
     lines = (folder / "violations.jsonl").read_text().splitlines()
     return [Violation(**json.loads(line)) for line in lines]
 
 
 def rewrite_page(folder: Path, page: Path = PAGE) -> None:
-    """Put the report of the run in `folder` into the page. ValueError: it has no place for it."""
+    """Put the report of the run in `folder` into the page. Raises ValueError if the page has no
+    place for it."""
     table = json.loads((folder / "report.json").read_text())
     pages.rewrite(page, {"soak": markdown(table, violations_of(folder))})

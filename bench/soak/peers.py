@@ -1,11 +1,11 @@
-"""A simulated robot or device in a process of its own, which tells the truth about itself.
+"""A simulated robot or device in a separate process, which reports its true state.
 
     python -m bench.soak.peers KIND OPTIONS
 
-KIND is one of ROBOTS or DEVICES, OPTIONS are those of its peer, as JSON. It prints READY, then a
-robot prints its true joints twenty times a second: ``J TIME JOINT ...``, monotonic s and rad. A
-device reads scripts on standard input, a line of JSON each: its motion from then on. At the
-end of standard input it ends.
+KIND is one of ROBOTS or DEVICES, OPTIONS are those of its peer, as JSON. It prints READY. A robot
+then prints its true joints twenty times a second: ``J TIME JOINT ...``, monotonic s and rad. A
+device reads motion scripts from standard input, one JSON line each, and plays them at once. The
+process ends at the end of standard input.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from cardan_wiimote.peer.motion_script import ScriptedWiimote
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 STEP_S: Final = 0.05
-"""Period at which a robot reports its joints, and a device looks for its next motion script."""
+"""Period at which a robot reports its joints and a device checks for a new motion script."""
 
 IDEAL: Final = PlantOptions(drive="ideal")
-"""The controllers are looked at here, not the dynamics of an arm."""
+"""Kinematic arms: the soak tests the controllers, not the dynamics."""
 
 Joints = Callable[[], Sequence[float]]
 
 Script = dict[str, Any]
-"""``at_s``: when it begins, monotonic; ``steps``: lists of seconds, verb and arguments."""
+"""``at_s``: start, monotonic; ``steps``: lists of seconds, verb and arguments."""
 
 
 def _gofa(options: dict[str, Any]) -> tuple[SimulatedPeer, Joints]:
@@ -77,8 +77,9 @@ DEVICES: Final = {"spacemouse": _spacemouse, "gamepad": _gamepad, "wiimote": _wi
 
 
 def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
-    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. Steps
-    due before are performed at once: a device that was stopped does not lag behind its script."""
+    """Convert a script's steps to the device's time, which is `device_s` at the monotonic time
+    `now_s`. Overdue steps are performed at once, so that a device that was stopped does not lag
+    behind its script."""
     begin_s = device_s + script["at_s"] - now_s
     return [
         ScriptStep(max(begin_s + float(time_s), 0.0), verb, tuple(map(str, words)))
@@ -87,7 +88,7 @@ def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
 
 
 def _motion(kind: str, peer: DevicePeer[Any, Any], script: Script) -> DeviceMotion[Any]:
-    """The motion of a script."""
+    """Return the motion of a script."""
     steps = steps_of(script, peer.device_s(), time.monotonic())
     if kind == "spacemouse":
         return ScriptedPuck(steps, peer.device.model)
@@ -95,7 +96,7 @@ def _motion(kind: str, peer: DevicePeer[Any, Any], script: Script) -> DeviceMoti
 
 
 class _Lines:
-    """Standard input, line by line, without waiting."""
+    """Standard input, read line by line without blocking."""
 
     def __init__(self) -> None:
         self._left = b""
@@ -111,7 +112,7 @@ class _Lines:
 
 
 def main() -> None:
-    """Serve it until the end of standard input."""
+    """Run the peer until the end of standard input."""
     kind, options = sys.argv[1], json.loads(sys.argv[2])
     joints: Joints | None = None
     device: DevicePeer[Any, Any] | None = None

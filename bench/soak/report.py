@@ -1,4 +1,5 @@
-"""Observations of a soak, kept in files from the beginning: a cut run has its report, too."""
+"""Observations of a soak, written to files from the start, so that an aborted run has its report,
+too."""
 
 from __future__ import annotations
 
@@ -20,11 +21,11 @@ from bench.soak.rules import LIMITS, Drift, Violation, drifts
 VIOLATIONS_SHOWN: Final = 40
 
 MAX_OUTCOMES: Final = 8
-"""Kinds of outcomes of an act that are told apart."""
+"""Largest number of distinct outcomes counted per action."""
 
 
 class Sample(NamedTuple):
-    """Resources that a process uses at a time."""
+    """Resources used by a process at one time."""
 
     time_s: float
     who: str
@@ -33,15 +34,15 @@ class Sample(NamedTuple):
     fds: int
     threads: int
     cpu: float
-    """Share of a processor since the sample before; NaN for the first one."""
+    """Share of a processor since the previous sample; NaN for the first one."""
     p50_ms: float
     p99_ms: float
-    """Of a session's cycle since the sample before; NaN for all others."""
+    """Percentile of a session's cycle since the previous sample; NaN for other processes."""
     restarts: int
 
 
 class Report:
-    """Written again and again into its folder: report.json, report.md, samples.csv, acts.jsonl,
+    """Report whose files are updated regularly: report.json, report.md, samples.csv, acts.jsonl,
     violations.jsonl."""
 
     def __init__(self, folder: Path, seed: int, hours: float) -> None:
@@ -49,10 +50,10 @@ class Report:
         self.over = False
         """True once the run has ended and is recorded completely."""
         self.cut = ""
-        """Reason why the run ended early."""
+        """Reason why the run ended early; empty: it did not."""
         self.violations: list[Violation] = []
         self.errors: list[str] = []
-        """Of the soak itself."""
+        """Errors of the soak itself."""
         self._lock = threading.RLock()
         self._acts: Counter[tuple[str, str]] = Counter()
         self._outcomes: dict[str, Counter[str]] = defaultdict(Counter)
@@ -69,16 +70,16 @@ class Report:
         self._violation_file = (folder / "violations.jsonl").open("w")
 
     def begin(self) -> None:
-        """The lab runs, and the soak begins."""
+        """Start the clock: the lab runs."""
         self._began_s, self._began = time.monotonic(), time.time()
 
     @property
     def lasted_s(self) -> float:
-        """Since the beginning."""
+        """Time since the start."""
         return time.monotonic() - self._began_s
 
     def violation(self, violation: Violation) -> None:
-        """A rule was broken."""
+        """Record a violation of a rule."""
         with self._lock:
             at_s = violation.time_s - self._began_s
             self.violations.append(violation._replace(time_s=at_s))
@@ -87,17 +88,17 @@ class Report:
             self._violation_file.flush()
 
     def broken(self, what: str) -> None:
-        """The soak itself has failed."""
+        """Record a failure of the soak itself."""
         with self._lock:
             self.errors.append(what)
 
     def count(self, kind: str, what: str) -> None:
-        """Something was done."""
+        """Record an action."""
         with self._lock:
             self._acts[kind, what] += 1
 
     def did(self, kind: str, what: str, who: str, outcome: str) -> None:
-        """Something was done, with this outcome."""
+        """Record an action with its outcome."""
         with self._lock:
             self._acts[kind, what] += 1
             if kind == "client":
@@ -112,13 +113,13 @@ class Report:
             self._act_file.flush()
 
     def answered(self, took_s: float, paused: bool) -> None:
-        """The daemon answered; `paused`: it was stopped by the soak, or just before."""
+        """Record an answer of the daemon; `paused`: the soak had stopped it, or just resumed it."""
         if not paused:
             with self._lock:
                 self._answers.append(took_s)
 
     def sample(self, sample: Sample) -> None:
-        """Record the resources that a process uses now."""
+        """Record a process's present use of resources."""
         with self._lock:
             self._rows.writerow(
                 [round(x, 4) if isinstance(x, float) else x for x in
@@ -135,14 +136,15 @@ class Report:
             self._latest[sample.who] = sample
 
     def load(self, load: float) -> None:
-        """The computer's load average over a minute."""
+        """Record the computer's load average over a minute."""
         with self._lock:
             self._loads.append(load)
 
     # -- what becomes of it ----------------------------------------------------------------------
 
     def drifts(self) -> list[Drift]:
-        """Of every process that lived long enough, or of the longest life of a name."""
+        """Return the drifts of every process that lived long enough, or of the longest life per
+        name."""
         found = []
         for (who, pid), samples in self._samples.items():
             found += drifts(who, pid, samples)
@@ -188,12 +190,12 @@ class Report:
         }
 
     def close(self) -> None:
-        """Close its files."""
+        """Close the report's files."""
         for file in (self._csv, self._act_file, self._violation_file):
             file.close()
 
     def write(self, moves: dict[str, tuple[int, float]], took: list[tuple[str, float]]) -> None:
-        """Write report.json and report.md, each at once."""
+        """Write report.json and report.md, each atomically."""
         with self._lock:
             table = self.table(moves, took)
             for name, text in (
@@ -219,7 +221,7 @@ RULES: Final = {
 
 
 def markdown(table: dict[str, Any], violations: list[Violation]) -> str:
-    """The report as Markdown."""
+    """Return the report as Markdown."""
     lasted_s = table["lasted_s"]
     hours, minutes = divmod(round(lasted_s / 60), 60)
     lines = [
@@ -269,7 +271,7 @@ def markdown(table: dict[str, Any], violations: list[Violation]) -> str:
 
 
 def _limits() -> str:
-    """The rule of the drift in words."""
+    """Describe the drift rule in words."""
     return (
         "no figure of a process that lived for 10 min or more grows by more than its limit, from "
         "the first quarter of its life to the last"
@@ -277,7 +279,7 @@ def _limits() -> str:
 
 
 def _drift_rows(drift: list[dict[str, Any]]) -> list[str]:
-    """Return a row for the longest life of each name; a value beyond its limit is bold."""
+    """Return a row for the longest life per name; a value beyond its limit is bold."""
     longest: dict[str, tuple[float, int]] = {}
     for each in drift:
         longest[each["who"]] = max(

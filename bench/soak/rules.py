@@ -1,7 +1,7 @@
-"""Rules that must hold at all times under any fault, judged by time without clocks.
+"""Rules that must hold at all times under any fault. Time is an argument; no clock is read.
 
-All times are monotonic s. The true motion of robots is compared with the requests of the soak
-itself and with the reports of sessions. Each time that a rule is broken is reported once.
+All times are monotonic s. The true motion of the robots is compared with the soak's own requests
+and with the sessions' reports. Each violation is reported once.
 """
 
 from __future__ import annotations
@@ -12,33 +12,33 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 REST_RAD_S: Final = 0.005
-"""A joint that is slower rests: servos settle, and measured positions are rounded."""
+"""Speed below which a joint is at rest: servos settle, and measured positions are rounded."""
 
 AT_REST_S: Final = 3.0
-"""From the moment when no source requests motion any more until the arm must be at rest. Ramps take
-less than 1 s, the slowest controller notices the death of its session within 1 s; the rest is for
-the processes of a computer with other work to do."""
+"""Time from the end of the last request for motion until the arm must be at rest. Ramps take less
+than 1 s, and the slowest controller detects the end of its session within 1 s; the rest is margin
+for a busy computer."""
 
 REPORT_S: Final = 1.5
-"""Longest time between a robot's motion and the session's report of it: a session reports ten times
-a second, by way of two other processes."""
+"""Longest delay of a session's report of a motion: reports are sent ten times a second and pass
+through two other processes."""
 
 RECOVERED_S: Final = 180.0
-"""Within this all is as before after a fault. The daemon pauses for up to 30 s between starts, and
-a session that starts on a computer with other work to do takes as long."""
+"""Longest recovery after a fault. The daemon waits up to 30 s between starts, and a session takes
+as long to start on a busy computer."""
 
 ANSWER_S: Final = 10.0
-"""Within this the daemon answers; it is what its own clients wait for."""
+"""Time limit for an answer of the daemon, as its own clients have it."""
 
 MOVED: Final = frozenset({"braking", "recovering"})
-"""Phases in which an arm moves though no source has the authority."""
+"""Phases in which an arm moves although no source has the authority."""
 
 ENGAGED: Final = frozenset({"holding", "moving"})
-"""Phases of an arm that a source moves, or may move at once."""
+"""Phases of an arm that a source moves, or may move immediately."""
 
 
 class Violation(NamedTuple):
-    """A rule was broken."""
+    """Violation of a rule."""
 
     time_s: float
     rule: str
@@ -50,7 +50,7 @@ Found = Callable[[Violation], None]
 
 
 class SessionReport(NamedTuple):
-    """A session's report of itself."""
+    """Report of a session's state."""
 
     time_s: float
     pid: int
@@ -62,11 +62,11 @@ class ArmRules:
     """The rules of one arm."""
 
     def __init__(self, name: str, sources: frozenset[str], found: Found) -> None:
-        """`sources`: names that may have the authority."""
+        """`sources`: names that may have the authority over the arm."""
         self.name, self._sources, self._found = name, sources, found
         self._asking: set[str] = set()
         self._nobody_s = -math.inf
-        """Since when no source requests motion."""
+        """Time since which no source requests motion."""
         self._act_s = -math.inf
         """Time when a source last began to request motion."""
         self._reports: deque[SessionReport] = deque(maxlen=400)
@@ -81,32 +81,33 @@ class ArmRules:
         self._moving_since_s = -math.inf
         self._motions: dict[str, float] = {}
 
-    # -- what the soak does ----------------------------------------------------------------------
+    # -- the soak's own actions
+    # ----------------------------------------------------------------------
 
     def asks(self, who: str, now_s: float) -> None:
-        """A source acts deliberately, and may move the arm from now on."""
+        """Note that a source re-arms the arm and may move it from now on."""
         self._asking.add(who)
         self._act_s = now_s
 
     def lets_go(self, who: str, now_s: float) -> None:
-        """The source does not request motion any more."""
+        """Note that the source no longer requests motion."""
         if who in self._asking:
             self._asking.discard(who)
             if not self._asking:
                 self._nobody_s = now_s
 
     def void(self, now_s: float) -> None:
-        """A fault has ended all requests: motion needs a new act."""
+        """Note that a fault has ended all requests: motion needs a new re-arming."""
         for who in tuple(self._asking):
             self.lets_go(who, now_s)
 
     def resumes(self, now_s: float) -> None:
-        """Its robot was stopped, and goes on with what it had left to do."""
+        """Note that the robot was stopped and now continues its remaining motion."""
         self._nobody_s = max(self._nobody_s, now_s)
         self._moving = False
 
     def accepted(self, source: str, now_s: float) -> None:
-        """A source was given a motion without an end."""
+        """Note that a source was given an endless motion."""
         others = [each for each in self._motions if each != source]
         self._motions[source] = now_s
         if others:
@@ -115,18 +116,19 @@ class ArmRules:
             self._mend("two sources")
 
     def over(self, source: str) -> None:
-        """Its motion has ended."""
+        """Note that the source's motion has ended."""
         self._motions.pop(source, None)
 
-    # -- what is seen ----------------------------------------------------------------------------
+    # -- observations
+    # --------------------------------------------------------------------------------
 
     def begins(self, now_s: float) -> None:
-        """The robot is another process: it is where it is."""
+        """Note that the robot is a new process: its position may differ."""
         self._measured_s = now_s
         self._moving = False
 
     def measured(self, now_s: float, speed_rad_s: float) -> None:
-        """The robot's true speed: that of its fastest joint."""
+        """Check the robot's true speed: that of its fastest joint."""
         moving = speed_rad_s > REST_RAD_S
         if moving:
             if not self._moving:
@@ -156,7 +158,7 @@ class ArmRules:
             )
 
     def on_report(self, report: SessionReport) -> None:
-        """A new snapshot of its session."""
+        """Check a new snapshot of the arm's session."""
         began_s = self._began_s.setdefault(report.pid, report.time_s)
         self._reports.append(report)
         if report.authority and report.authority not in self._sources:
@@ -200,7 +202,8 @@ class RecoveryRule:
         """Every recovery: name and duration."""
 
     def seen(self, who: str, problem: str, excused: bool, now_s: float) -> None:
-        """Take its state: `problem` is empty while it is well; `excused`: it cannot be well."""
+        """Check a state: `problem` is empty if all is well; `excused`: a fault makes a problem
+        inevitable."""
         if not problem:
             since_s = self._unwell_s.pop(who, None)
             self._reports.discard(who)
@@ -219,8 +222,8 @@ class RecoveryRule:
 
 
 def problem_of(row: Mapping[str, Any], device_there: bool) -> str:
-    """Return the fault of a session or a server by its row; empty: none. A device is expected to
-    be live if it is `device_there` and this session has it."""
+    """Return the problem of a session or server from its row; empty: none. A device is expected to
+    be live if it is `device_there` and held by this session."""
     if row["state"] != "running":
         return f"{row['state']}: {row['reason']}"
     if row["kind"] == "server":
@@ -242,7 +245,7 @@ class Limit(NamedTuple):
     why: str
 
     def exceeded(self, first: float, last: float) -> bool:
-        """Return True if it grew by more."""
+        """Return True if the figure has grown by more."""
         return last > first * (1.0 + self.share) + self.more
 
 
@@ -252,17 +255,17 @@ LIMITS: Final = {
     "threads": Limit(0.0, 2.0, "threads: one for a connection that is just being closed"),
     "p99_ms": Limit(1.0, 2.0, "p99 of the cycle: other programs share the processors"),
 }
-"""A figure is its median over a quarter."""
+"""Growth limits; a figure is its median over a quarter of the process's life."""
 
 WARM_UP_S: Final = 120.0
-"""At first processes import what they need and fill buffers of bounded size."""
+"""Time at the start that is ignored: processes import modules and fill buffers of limited size."""
 
 LONG_S: Final = 600.0
-"""Only processes that lived for so long are judged."""
+"""Shortest life of a process whose growth is judged."""
 
 
 class Drift(NamedTuple):
-    """A figure of a process over its life."""
+    """Change of a figure over a process's life."""
 
     who: str
     pid: int
@@ -276,7 +279,7 @@ class Drift(NamedTuple):
 def drifts(
     who: str, pid: int, samples: Sequence[tuple[float, Mapping[str, float]]], long_s: float = LONG_S
 ) -> list[Drift]:
-    """Return the changes of a process's figures; `samples`: its own, by time."""
+    """Return the changes of a process's figures; `samples`: its samples by time."""
     if not samples or samples[-1][0] - samples[0][0] < long_s:
         return []
     begin_s = samples[0][0] + min(WARM_UP_S, long_s / 4)
@@ -296,15 +299,15 @@ def drifts(
 
 
 def median(values: list[float]) -> float:
-    """The middle one, of an even number the higher of the two."""
+    """Return the median; of an even number of values the upper one."""
     return sorted(values)[len(values) // 2]
 
 
 def quantile_s(before: list[int], now: list[int], count: int, bounds_s: tuple[float, ...],
                share: float) -> float:  # fmt: skip
-    """The duration that `share` of those counted between two states of a cumulative histogram did
-    not exceed, s; between bounds it is interpolated, beyond the last one it is the last. `count`:
-    of all, those beyond the bounds too. NaN: there were none."""
+    """Return the quantile of the durations counted between two states of a cumulative histogram, s.
+    It is interpolated between bounds, and is the last bound beyond that. `count`: number of all
+    durations, including those beyond the bounds; without any the result is NaN."""
     if count <= 0:
         return math.nan
     wanted, below, lower_s = share * count, 0, 0.0

@@ -1,4 +1,4 @@
-"""Resources that processes use (from /proc), and those that they leave behind."""
+"""Resources that processes use (from /proc), and those left behind after their end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Use(NamedTuple):
 
 
 def use_of(pid: int) -> Use | None:
-    """Of a process; None: it is gone."""
+    """Return a process's present use; None if it has ended."""
     try:
         status = dict(
             line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines()
@@ -47,7 +47,7 @@ def is_marked(pid: int, mark: str) -> bool:
 
 
 def marked_processes(mark: str) -> dict[int, str]:
-    """Processes whose environment has ``MARK=TOKEN``, other than this one: id and command."""
+    """List the processes whose environment has ``MARK=TOKEN``, except this one: id and command."""
     found = {}
     for each in os.listdir("/proc"):
         if not each.isdigit() or int(each) == os.getpid():
@@ -61,7 +61,7 @@ def marked_processes(mark: str) -> dict[int, str]:
 
 
 def shared_memory(pid: int) -> set[str]:
-    """Files of shared memory that a process has mapped."""
+    """List the files of shared memory that a process has mapped."""
     with contextlib.suppress(OSError):
         text = Path(f"/proc/{pid}/maps").read_text()
         return {
@@ -73,8 +73,8 @@ def shared_memory(pid: int) -> set[str]:
 
 
 def left_behind(folder: Path, mark: str, mapped: set[str], within_s: float) -> list[str]:
-    """List the remains of a soak at its end: processes, sockets, shared memory, temporary files.
-    Processes that are just ending get a little time."""
+    """List what is left at the end of a soak: processes, sockets, shared memory, temporary files.
+    Processes that are just ending get some time."""
     give_up_s = time.monotonic() + within_s
     while marked_processes(mark) and time.monotonic() < give_up_s:
         time.sleep(0.1)

@@ -1,4 +1,4 @@
-"""A run: the lab is started, devices, programs and faults are let loose on it, and it is ended."""
+"""A run of the soak: start the lab, run devices, programs and faults in it, and stop everything."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from cardan.common.signals import signal_name
 REPORT_S: Final = 30.0
 
 READY_WITHIN_S: Final = 120.0
-"""Until everything runs at the start."""
+"""Timeout for the start of all processes."""
 
 PARTS_END_S: Final = 20.0
-"""Longest wait for an act that is under way at the end."""
+"""Timeout for the current action at the end."""
 
 ENDS_WITHIN_S: Final = 20.0
-"""Until nothing is left after the end."""
+"""Timeout for the end of all processes."""
 
 
 class Soak:
@@ -40,12 +40,12 @@ class Soak:
         self._clients, self._faults = Clients(watch), Faults(watch)
 
     def end(self, number: int) -> None:
-        """End the run early, because of this signal."""
+        """End the run early because of this signal."""
         self.report.cut = f"by {signal_name(number)}"
         self.stop.set()
 
     def run(self) -> int:
-        """Run until the time is over or `stop` is set; how often a rule was broken."""
+        """Run until the time is over or `stop` is set; return the number of violations."""
         watch = self.watch
         try:
             watch.lab.start()
@@ -84,7 +84,7 @@ class Soak:
         return len(self.report.violations) + grown
 
     def _guarded(self, call: Callable[[], None]) -> None:
-        """Runs a part of the soak; an error in it is reported, and ends the run."""
+        """Run a part of the soak; an error in it is reported and ends the run."""
         try:
             call()
         except Exception as error:
@@ -103,7 +103,7 @@ class Soak:
         give_up_s = time.monotonic() + READY_WITHIN_S
         while True:
             rows = self.watch.ask("units")
-            # Devices are live once they were touched.
+            # A device becomes live after its first deflection.
             if all(not rules.problem_of(row, False) for row in rows):
                 return
             if time.monotonic() > give_up_s or self.stop.wait(0.2):

@@ -1,4 +1,4 @@
-"""Observations of the lab and requests to it, passed on to the judges."""
+"""Observations of the lab and its requests for motion, passed on to the rules."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ SAMPLE_S: Final = 10.0
 BETWEEN_EPISODES_S: Final = (0.5, 12.0)
 
 SETTLES_S: Final = 0.3
-"""From a script's step until it is surely done: a device's process looks for scripts twenty times a
-second, and its processor may be busy."""
+"""Longest delay of a script's step: a device's process checks for scripts twenty times a second,
+and its processor may be busy."""
 
 
 class Watch:
-    """The lab, its judges, and the sources that request motion. Thread-safe."""
+    """The lab, its rules, and the sources that request motion. Thread-safe."""
 
     def __init__(self, folder: Path, seed: int, hours: float) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.seed = folder.resolve(), seed
         token = f"{os.getpid()}-{time.time_ns()}"
         self.mark = f"{MARK}={token}"
-        """Variable in the environment of all processes of the lab."""
+        """Environment variable of all processes of the lab."""
         self.stop = threading.Event()
-        """The run is to end."""
+        """Set to end the run."""
         self.lock = threading.RLock()
         self.report = Report(self.folder, seed, hours)
         self.found = self.report.violation
@@ -50,40 +50,40 @@ class Watch:
         self.recovery = RecoveryRule(self.found)
         self.lab = Lab(self.folder, token, self._measured)
         self.rows: dict[str, dict[str, Any]] = {}
-        """The daemon's newest ones, by name."""
+        """The daemon's newest rows, by name."""
         self.mapped: set[str] = set()
-        """Files of shared memory that processes of the lab had."""
+        """Files of shared memory that processes of the lab have mapped."""
         self._last: dict[str, tuple[float, list[float]]] = {}
         self._cycles: dict[str, tuple[int, int]] = {}
         self._excused: Counter[str] = Counter()
         self._away: Counter[str] = Counter()
-        """Devices that are not there."""
+        """Devices that are absent."""
         self._asked_until_s = dict.fromkeys(DEVICES_OF, -math.inf)
         self._histograms: dict[str, tuple[int, list[int], int]] = {}
         self._cpu: dict[int, tuple[float, float]] = {}
         self._paused_s = -math.inf
-        """Until then the daemon may not answer."""
+        """Time until which the daemon may fail to answer."""
 
     def ask(self, do: str, name: str = "", value: Any = None) -> Any:
-        """Ask the daemon. Raises CardanError."""
+        """Send a request to the daemon. Raises CardanError."""
         with ControlClient(self.lab.socket, 30.0) as client:
             return client.ask(do, name, value)
 
     def pid(self, name: str) -> int | None:
-        """Of a session or a server, if it still is one: ids are used again."""
+        """Return the process id of a session or a server if it is still one: ids are reused."""
         pid: int | None = self.rows.get(name, {}).get("pid")
         return pid if pid is not None and is_marked(pid, self.mark) else None
 
     # -- requests for motion ---------------------------------------------------------------------
 
     def asks(self, arm: str, who: str) -> None:
-        """A source acts deliberately, and may move the arm from now on."""
+        """Note that a source re-arms the arm and may move it from now on."""
         with self.lock:
             self.arms[arm].asks(who, time.monotonic())
 
     @contextlib.contextmanager
     def asking(self, arm: str, who: str) -> Iterator[None]:
-        """A source requests motion until the context ends."""
+        """Note that a source requests motion until the context ends."""
         try:
             self.asks(arm, who)
             yield
@@ -92,34 +92,35 @@ class Watch:
                 self.arms[arm].lets_go(who, time.monotonic())
 
     def void(self, *arms: str) -> None:
-        """A fault has ended all that was asked of these arms."""
+        """Note that a fault has ended all requests for these arms."""
         with self.lock:
             for arm in arms:
                 self.arms[arm].void(time.monotonic())
 
     def operator_asks(self, device: str, who: str = "device") -> None:
-        """The operator of a device holds its dead-man."""
+        """Note that the operator of a device holds its dead-man button."""
         with self.lock:
             for arm in DEVICES_OF[device]:
                 self.arms[arm].asks(who, time.monotonic())
 
     def operator_gone(self, device: str, who: str = "device") -> None:
-        """The operator of a device does not hold its dead-man any more."""
+        """Note that the operator of a device has released its dead-man button."""
         with self.lock:
             for arm in DEVICES_OF[device]:
                 self.arms[arm].lets_go(who, time.monotonic())
 
     def operator_goes_on(self, device: str) -> None:
-        """After its device was stopped its operator may go on with what was begun."""
+        """Note that a device was stopped and its operator may continue the motion."""
         with self.lock:
             if time.monotonic() < self._asked_until_s[device]:
                 self.operator_asks(device)
 
-    # -- what faults excuse ----------------------------------------------------------------------
+    # -- excuses by faults
+    # ---------------------------------------------------------------------------
 
     @contextlib.contextmanager
     def away(self, device: str) -> Iterator[None]:
-        """A device is absent until the context ends."""
+        """Note that a device is absent until the context ends."""
         with self.lock:
             self._away[device] += 1
             self.operator_gone(device)
@@ -131,7 +132,7 @@ class Watch:
 
     @contextlib.contextmanager
     def excused(self, *names: str) -> Iterator[None]:
-        """These sessions and servers cannot be well."""
+        """Excuse problems of these sessions and servers until the context ends."""
         with self.lock:
             self._excused.update(names)
         try:
@@ -141,12 +142,12 @@ class Watch:
                 self._excused.subtract(names)
 
     def is_excused(self, name: str) -> bool:
-        """Return True if it cannot be well now."""
+        """Return True if its problems are excused now."""
         return bool(self._excused[name])
 
     @contextlib.contextmanager
     def daemon_paused(self) -> Iterator[None]:
-        """The daemon is stopped, and answers a little later again."""
+        """Note that the daemon is stopped until the context ends, and answers a little later."""
         self._paused_s = math.inf
         try:
             with self.excused(*self.rows):
@@ -154,10 +155,12 @@ class Watch:
         finally:
             self._paused_s = time.monotonic() + 2.0
 
-    # -- what is seen ----------------------------------------------------------------------------
+    # -- observations
+    # --------------------------------------------------------------------------------
 
     def robot_anew(self, arm: str) -> None:
-        """Its robot is another process, or was stopped: what it did meanwhile is not judged."""
+        """Note that the arm's robot is a new process or was stopped: its motion meanwhile is not
+        judged."""
         with self.lock:
             self._last.pop(arm, None)
             self.arms[arm].resumes(time.monotonic())
@@ -175,7 +178,7 @@ class Watch:
                 self.arms[arm].measured(now_s, way / (now_s - before[0]))
 
     def poll(self) -> None:
-        """Asks the daemon for its rows, again and again."""
+        """Poll the daemon's rows without end."""
         client: ControlClient | None = None
         while not self.stop.wait(POLL_S):
             began_s = time.monotonic()
@@ -241,7 +244,7 @@ class Watch:
         self.report.load(os.getloadavg()[0])
 
     def _tick(self, name: str, pid: int, snapshot: dict[str, Any]) -> tuple[float, float]:
-        """p50 and p99 of the cycle since the sample before, s."""
+        """Return p50 and p99 of the cycle since the previous sample, s."""
         within, count = snapshot["loop"]["tick_within"], snapshot["loop"]["cycles"]
         before = self._histograms.get(name)
         self._histograms[name] = pid, within, count
@@ -256,7 +259,7 @@ class Watch:
     # -- devices ---------------------------------------------------------------------------------
 
     def device(self, device: str) -> None:
-        """Moves a device, again and again."""
+        """Play random motion scripts on a device without end."""
         rng = random.Random(f"{self.seed}-{device}")
         while not self.stop.wait(rng.uniform(*BETWEEN_EPISODES_S)):
             episode = motion_scripts.episode(device, rng)

@@ -1,8 +1,8 @@
-"""Teleoperates a simulated GoFa with a simulated SpaceMouse, records episodes, loads them again.
+"""Teleoperate a simulated GoFa with a simulated SpaceMouse, record episodes and load them.
 
-With LeRobot and the distributions of plugins/ it is LeRobot's loop: its teleoperator, its robot,
-its data set. Without, sessions of Cardan are recorded, and `cardan net export` makes the data set,
-a command of plugins/cardan-learning.
+With LeRobot and the distributions of plugins/, LeRobot's loop runs: its teleoperator, robot and
+data set. Without LeRobot, sessions of Cardan are recorded, and `cardan net export` of
+plugins/cardan-learning makes the data set.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def free_port(kind: socket.SocketKind) -> int:
 
 @contextlib.contextmanager
 def served(*words: str) -> Iterator[None]:
-    """A simulated peer, until the end."""
+    """Run a simulated peer until the end of the context."""
     with subprocess.Popen(
         [*CARDAN, "sim", *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
@@ -49,7 +49,7 @@ def served(*words: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def simulated(folder: Path) -> Iterator[Path]:
-    """The session's file, while its device and its robot are simulated."""
+    """Write the session's file; run its simulated device and robot meanwhile."""
     puck, egm = folder / "spacemouse.sock", free_port(socket.SOCK_DGRAM)
     text = (HERE / "gofa.toml").read_text(encoding="utf-8")
     text = text.replace("spacemouse.sock", str(puck)).replace("6510", str(egm))
@@ -65,11 +65,11 @@ def simulated(folder: Path) -> Iterator[Path]:
 
 
 def record_sessions(session: Path, folder: Path, episodes: int, seconds: float) -> Path:
-    """A record for each episode, and a data set of them all."""
+    """Make a record for each episode, and a data set of all."""
     records = [str(folder / f"episode-{number}.mcap") for number in range(episodes)]
     for record in records:
         run = [*CARDAN, "run", str(session), "--record", record, "--seconds", str(seconds)]
-        # 4: a busy computer has missed cycles; the record has what there was.
+        # Exit code 4: a busy computer has missed cycles; the data set has the rest.
         if (code := subprocess.run(run, stdout=subprocess.DEVNULL, check=False).returncode) not in (
             0,
             4,
@@ -82,7 +82,7 @@ def record_sessions(session: Path, folder: Path, episodes: int, seconds: float) 
 
 
 def load_files(dataset: Path) -> Iterator[tuple[int, list[dict[str, Any]]]]:
-    """Number and frames of each episode, by pyarrow."""
+    """Return number and frames of each episode, read by pyarrow."""
     import pyarrow.parquet as parquet
 
     rows: list[dict[str, Any]] = []
@@ -96,7 +96,7 @@ def load_files(dataset: Path) -> Iterator[tuple[int, list[dict[str, Any]]]]:
 
 
 def record_by_lerobot(session: Path, folder: Path, episodes: int, seconds: float) -> Path:
-    """LeRobot's loop; what is recorded as action is what was really sent."""
+    """Run LeRobot's loop; the recorded action is the one actually sent."""
     import torch
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -138,7 +138,7 @@ def record_by_lerobot(session: Path, folder: Path, episodes: int, seconds: float
 
 
 def load_by_lerobot(folder: Path) -> Iterator[tuple[int, list[dict[str, Any]]]]:
-    """Number and frames of each episode, by LeRobot."""
+    """Return number and frames of each episode, read by LeRobot."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     dataset = LeRobotDataset("cardan/dataset", root=folder)
@@ -148,7 +148,7 @@ def load_by_lerobot(folder: Path) -> Iterator[tuple[int, list[dict[str, Any]]]]:
 
 
 def main() -> None:
-    """Record, load, and say what was loaded."""
+    """Record and load the episodes; print what was loaded."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="a new one, for records and the data set")
     parser.add_argument("--episodes", type=int, default=3)

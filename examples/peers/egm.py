@@ -1,7 +1,7 @@
 """An EGM controller and a session of the driver in virtual time: an emergency stop after 2 s.
 
-`cycle` is called once per period, and gives the datagram for the PC; `receive` takes the PC's.
-`controller.do` does what a script's verb does. It prints:
+`cycle` is called once per period and returns the datagram for the PC; `receive` processes the PC's.
+`controller.do` performs a verb of a script. It prints:
 
     0.000 s: a session begins: its first answer is the measured position
     0.004 s: ready

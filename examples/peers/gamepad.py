@@ -1,4 +1,4 @@
-"""The events of a gamepad whose stick is pushed.
+"""Events of a gamepad whose stick is pushed.
 
 It prints:
 

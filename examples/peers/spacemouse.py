@@ -1,4 +1,4 @@
-"""The reports of a SpaceMouse that is pushed and has a button pressed.
+"""Reports of a SpaceMouse whose puck and button are pressed.
 
 It prints:
 

@@ -1,4 +1,4 @@
-/* touch.c: a floor 10 mm below the origin, and where the stylus is. */
+/* touch.c: a floor 10 mm below the origin; prints the stylus's position. */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <unistd.h>

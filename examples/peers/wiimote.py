@@ -1,4 +1,4 @@
-"""The reports of a Wii Remote that is tilted.
+"""Reports of a Wii Remote that is tilted.
 
 It prints:
 

@@ -1,4 +1,4 @@
-"""A record as a regression test: the control core has to give the same commands again, bit for bit.
+"""A record as a regression test: the control core has to return the same commands, bit for bit.
 
 cardan run examples/ros2/session.toml --record session.mcap
 python examples/ros2/check_record.py session.mcap
@@ -13,7 +13,7 @@ from cardan.recording.verify import verify
 
 
 def main(path: str) -> int:
-    """Exit code 1 where a command differs, or the record could not be replayed to its end."""
+    """Return 1 if a command differs, or if the record could not be replayed to its end."""
     reports = verify(Path(path))
     for report in reports:
         print("\n".join(report.lines()))

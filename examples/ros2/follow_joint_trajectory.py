@@ -1,4 +1,4 @@
-"""Has an arm follow a joint trajectory, as MoveIt does, but by rosbridge: roslibpy (pip install
+"""Make an arm follow a joint trajectory, like MoveIt, but through rosbridge: roslibpy (pip install
 roslibpy), and `cardan net server rosbridge`."""
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def newest(ros: roslibpy.Ros, topic: str, kind: str) -> dict[str, Any]:
-    """The next message of a topic."""
+    """Return the next message of a topic."""
     found: list[dict[str, Any]] = []
     there = threading.Event()
 
@@ -48,7 +48,7 @@ def newest(ros: roslibpy.Ros, topic: str, kind: str) -> dict[str, Any]:
 def follow(
     ros: roslibpy.Ros, action: str, names: list[str], way: list[tuple[float, list[float]]]
 ) -> None:
-    """Have it followed, and wait for the end. `way`: times (s) and joint positions (rad)."""
+    """Send the trajectory and wait for its end. `way`: times (s) and joint positions (rad)."""
     points = [
         {
             "positions": positions,

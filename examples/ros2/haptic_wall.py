@@ -1,8 +1,8 @@
-"""A wall that the hand feels: reads a haptic device's pose from the bus and publishes the force.
+"""Virtual wall: read a haptic device's pose from the bus and publish the force.
 
 python examples/ros2/haptic_wall.py [SECONDS [ROUTER]]
 
-A ROS 2 node does the same: it subscribes to /omni/state/pose and publishes on /omni/feedback.
+A ROS 2 node would subscribe to /omni/state/pose and publish on /omni/feedback.
 """
 
 import sys
@@ -16,7 +16,8 @@ WALL_M = 0.0
 """Position of the wall along x, which is forward."""
 
 STIFFNESS_N_M = 60.0
-"""Over a network, at 200 Hz; a fixture of a session is evaluated at 1000."""
+"""Limited because the force is computed over a network at 200 Hz; a session evaluates its fixtures
+at 1000 Hz."""
 
 POSE, VECTOR = "geometry_msgs/msg/Pose", "geometry_msgs/msg/Vector3"
 

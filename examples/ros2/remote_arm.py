@@ -1,4 +1,4 @@
-"""A program moves an arm that a session on any computer shows on the network.
+"""Move an arm that a session on any computer offers on the network.
 
 Start the session first: ``cardan run examples/ros2/session.toml``.
 """

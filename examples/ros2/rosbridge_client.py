@@ -1,4 +1,5 @@
-"""Jogs an arm by rosbridge: roslibpy (pip install roslibpy), and `cardan net server rosbridge`."""
+"""Jog an arm through rosbridge: roslibpy (pip install roslibpy), and `cardan net server
+rosbridge`."""
 
 from __future__ import annotations
 
@@ -10,11 +11,11 @@ from typing import Any
 import roslibpy
 
 STREAM_PERIOD_S = 0.02
-"""A stream that is silent for 0.1 s (parameter stream_timeout) is braked."""
+"""The arm brakes if the stream is silent for 0.1 s (parameter stream_timeout)."""
 
 
 def main() -> None:
-    """Choose the stream of twists, move the TCP to and fro, and stop."""
+    """Select the stream of twists, move the TCP back and forth, and stop."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--url", default="ws://127.0.0.1:9090", help="with ?t=TOKEN, if it has one")
     parser.add_argument("--arm", default="/cartesian_control_server_ros2", help="its node")
@@ -30,7 +31,7 @@ def main() -> None:
 
 
 def jog(ros: roslibpy.Ros, arm: str, seconds: float) -> None:
-    """Move the TCP to and fro along y."""
+    """Move the TCP back and forth along y."""
     places: list[dict[str, float]] = []
     seen = threading.Event()
 
@@ -77,7 +78,7 @@ def jog(ros: roslibpy.Ros, arm: str, seconds: float) -> None:
         roslibpy.ServiceRequest(), timeout=10
     )
     assert stopped is not None
-    # Others need not wait until the lease of this client's authority ends.
+    # Release the authority, so that other clients need not wait for the end of its lease.
     roslibpy.Service(ros, f"{arm}/release", "std_srvs/Trigger").call(
         roslibpy.ServiceRequest(), timeout=10
     )

@@ -1,4 +1,4 @@
-"""Topic in to robot datagram out: a twist on its way by each transport, in one run."""
+"""Latency from topic in to robot datagram out: the same twists over each transport, in one run."""
 
 from __future__ import annotations
 
@@ -40,30 +40,30 @@ TOPIC = f"/{DEFAULT_NAME}/command/twist"
 TYPE = "geometry_msgs/msg/Twist"
 
 STREAM_PERIOD_S = 0.01
-"""Of a stream of twists, most of which are zero."""
+"""Period of a stream of twists, most of which are zero."""
 
 ROUND, PULSE = 30, 4
-"""Of so many messages so many are not zero: the arm is at rest again before the next ones, and the
-second one moves it where it overtook the first."""
+"""Length of a round in messages, and number of nonzero ones at its start. The arm rests before the
+next round; the second message moves it if it overtook the first."""
 
 TRIALS = 300
 SPEED_M_S = 0.05
 MOVED_RAD = 1e-9
-"""An arm that holds is told the same joints again and again; one that begins to move, others."""
+"""Threshold of motion: a holding arm gets the same joint command in every cycle."""
 
 GIVE_UP_S = 0.2
-"""A command that has no effect by then is lost."""
+"""Time after which a command without effect counts as lost."""
 
 MEET_WITHIN_S = 20.0
-"""Participants of DDS find each other once a second or so."""
+"""Discovery timeout: participants of DDS announce themselves about once a second."""
 
 Put = Callable[[float], None]
-"""Publishes a twist along x, m/s."""
+"""Function that publishes a twist along x, m/s."""
 
 
 @contextmanager
 def _zenoh(endpoint: str) -> Iterator[Put]:
-    """A node on the bus itself."""
+    """A node on the bus."""
     codec = codec_of(TYPE)
     with BusNode(BusOptions(router=endpoint), "bench_command") as node:
         publisher = node.publisher(TOPIC, TYPE)
@@ -72,7 +72,7 @@ def _zenoh(endpoint: str) -> Iterator[Put]:
 
 @contextmanager
 def _rosbridge(endpoint: str) -> Iterator[Put]:
-    """A client of the server, in JSON."""
+    """A client of the rosbridge server, with JSON."""
     words = ("net", "server", "rosbridge", "--router", endpoint, "--port", "0")
     with cardan_subprocess(*words) as address, connect(address, compression=None) as client:
         client.send(json.dumps({"op": "advertise", "topic": TOPIC, "type": TYPE}))
@@ -81,7 +81,7 @@ def _rosbridge(endpoint: str) -> Iterator[Put]:
 
 @contextmanager
 def _dds(endpoint: str) -> Iterator[Put]:
-    """A participant on a DDS domain of this run alone, behind the server."""
+    """A participant on a DDS domain used by this run alone, behind the DDS server."""
     from cardan.bus.dds_options import DdsOptions
     from cardan_dds.network import DdsNetwork
 
@@ -111,17 +111,17 @@ TRANSPORTS: dict[str, Callable[[str], AbstractContextManager[Put]]] = {
 
 
 class Delays(NamedTuple):
-    """Of one transport."""
+    """Delays of one transport."""
 
     delays_s: list[float]
-    """From the call that publishes to the datagram that obeys."""
+    """Times from the call that publishes to the datagram that obeys."""
     datagrams: list[int]
-    """Which one it was, of those that left after the call."""
+    """Index of that datagram among those sent after the call."""
     lost: int
 
 
 class Trial:
-    """A session whose arm is commanded by one transport."""
+    """A session whose arm is commanded over one transport."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -141,16 +141,16 @@ class Trial:
 
     @property
     def obeys(self) -> bool:
-        """True if the arm moved at one of the last two commands."""
+        """True if at least one of the last two commands moved the arm."""
         return self._ignored < 2
 
     def begin(self) -> None:
-        """Begin with an arm at rest."""
+        """Start with an arm at rest."""
         self._sent = self._ignored = 0
         self._waits_s = None
 
     def publish(self) -> None:
-        """The next message of the stream."""
+        """Publish the next message of the stream."""
         self._sent += 1
         place = self._sent % ROUND
         if not place:
@@ -159,7 +159,7 @@ class Trial:
         self.put(self._speed_m_s if place < PULSE and self._sent >= ROUND else 0.0)
 
     def ask(self) -> None:
-        """A cycle of the robot."""
+        """Run one cycle of the robot."""
         before = self.robot.place.joints
         self.robot.ask()
         if self._waits_s is None:
@@ -182,7 +182,7 @@ class Trial:
 
 
 def left_out() -> str:
-    """Reason why a transport cannot be measured here; empty: all can."""
+    """Return why a transport cannot be measured here; empty: all can."""
     lacking = [name for name in ("cardan_dds", "cyclonedds") if find_spec(name) is None]
     if not lacking:
         return ""
@@ -190,7 +190,7 @@ def left_out() -> str:
 
 
 def measure(trials: int = TRIALS) -> dict[str, Delays]:
-    """A session for each transport, all in one run."""
+    """Run a session for each transport, all at the same time."""
     with ExitStack() as sockets, ExitStack() as stack:
         there: dict[str, Trial] = {}
         robots: list[Robot] = []
@@ -214,7 +214,7 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
                     arm.set_parameter(Parameter.STREAM, Stream.TWIST)
             with as_a_controller():
                 _run(list(there.values()), trials)
-        with keep_alive(robots):  # So that no session loses its robot while it ends.
+        with keep_alive(robots):  # Keep all robots connected while the sessions end.
             stack.close()
         return {
             name: Delays(each.delays_s, each.datagrams, each.lost) for name, each in there.items()
@@ -222,12 +222,13 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
 
 
 def _run(trials: list[Trial], count: int) -> None:
-    """Ask each robot every 4 ms, and publish at random moments between, until all have so many; or
-    until one does not obey any more: a machine that stands still for 0.1 s ends streams."""
+    """Send a state of each robot every 4 ms and publish at random moments between, until all
+    transports have their trials, or one robot no longer obeys: a machine that stalls for 0.1 s ends
+    streams."""
     clock, chance = time.perf_counter, random.Random(0)
     begin_s = clock()
     due: list[tuple[float, int, Trial, bool]] = []
-    """Time, order, trial, and whether it publishes."""
+    """Time, order, trial, and whether the event publishes."""
     for number, each in enumerate(trials):
         due.append((begin_s + number * PERIOD_S / len(trials), number, each, False))
         due.append((begin_s + STREAM_PERIOD_S, number + len(trials), each, True))
@@ -249,7 +250,7 @@ def _run(trials: list[Trial], count: int) -> None:
 
 
 def table(found: dict[str, Delays]) -> str:
-    """As docs/measurements.md has it."""
+    """Return the table of docs/measurements.md."""
     base = found["Zenoh"]
     lines = [
         "| transport | p50 | p99 | times Zenoh: p50 | p99 | obeyed by the next datagram, the "

@@ -1,4 +1,4 @@
-"""A robot controller that speaks EGM, and a session that it asks."""
+"""A robot controller that speaks EGM, and a session connected to it."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _gofa() -> ArmKinematics:
 
 
 def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
-    """Return the position of a robot that obeys at once; the TCP of joints is that of the GoFa."""
+    """Return the position of a robot that obeys at once; its TCP pose is that of the GoFa."""
     reported = decode_from_pc(answer)
     if not isinstance(reported, EgmSensor) or reported.planned is None:
         return before
@@ -77,8 +77,8 @@ def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
 
 @contextlib.contextmanager
 def session(port: int, more: str, script: str = "") -> Iterator[None]:
-    """``cardan run`` with a simulated SpaceMouse that plays `script`; without one, with no operator
-    device. `more`: tables, of which the first lines are the robot's."""
+    """Run ``cardan run`` with a simulated SpaceMouse that plays `script`, or without an operator
+    device. `more`: additional lines of the robot's table, then further tables."""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         tables = f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n{more}\n'
         if script:
@@ -97,7 +97,7 @@ def session(port: int, more: str, script: str = "") -> Iterator[None]:
         )
         try:
             assert process.stdout is not None
-            process.stdout.readline()  # its first view: the loop runs
+            process.stdout.readline()  # the first view shows that the loop runs
             yield
         finally:
             process.terminate()

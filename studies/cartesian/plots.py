@@ -1,4 +1,4 @@
-"""The picture of the Cartesian interface's latencies. Needs matplotlib."""
+"""Picture of the Cartesian interface's latencies. Needs matplotlib."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sessions under a controller's eyes: robots that ask them, and what they cost."""
+"""Robots that drive sessions and measure their latency and cost."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ model = "gofa_crb15000_5"
 FORCE = EgmMeasuredForce((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), fc_active=True)
 
 PERIOD_S = 0.004
-"""Of robots."""
+"""Cycle of the robots."""
 
 ANSWER_WITHIN_S = 0.5
 
 
 def free_endpoint() -> str:
-    """An endpoint for Zenoh on this computer."""
+    """Return a Zenoh endpoint on this computer."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def network_table(endpoint: str, rate_hz: float = 50.0, more: str = "") -> str:
-    """The table of a session whose bus is at `endpoint`."""
+    """Return the [network] table of a session whose bus is at `endpoint`."""
     return f'\n[network]\nrouter = ""\nlisten = ["{endpoint}"]\nrate_hz = {rate_hz}\n{more}\n'
 
 
@@ -53,7 +53,7 @@ class Robot:
         self.unanswered = 0
 
     def ask(self) -> float | None:
-        """Send the next state; returns the time until its answer came, s."""
+        """Send the next state; return the time until its answer came, s."""
         sent = datagram(self._cycle, self.place, FORCE)
         self._cycle += 1
         start_s = time.perf_counter()
@@ -68,13 +68,14 @@ class Robot:
         return took_s
 
     def close(self) -> None:
-        """Leave."""
+        """Close the socket."""
         self._socket.close()
 
 
 @contextlib.contextmanager
 def keep_alive(robots: Sequence[Robot]) -> Iterator[Callable[[], None]]:
-    """Robots whose sessions are being prepared, in a thread; what is given ends it."""
+    """Keep robots running in a thread while their sessions are being prepared; yield a function
+    that stops it."""
     over = threading.Event()
 
     def ask() -> None:
@@ -98,8 +99,8 @@ def keep_alive(robots: Sequence[Robot]) -> Iterator[Callable[[], None]]:
 
 @contextlib.contextmanager
 def as_a_controller() -> Iterator[str]:
-    """This thread is served as promptly as a robot's controller runs, or a session; gives the
-    scheduling's name. Programs that it starts meanwhile have the same."""
+    """Give this thread the scheduling of a robot controller or a session; yield its name. Programs
+    started meanwhile inherit it."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         yield ask_for_real_time()
@@ -108,19 +109,19 @@ def as_a_controller() -> Iterator[str]:
 
 
 def cpu_s(pid: int) -> float:
-    """CPU time of a process and all its threads until now, s."""
+    """CPU time used by a process and all its threads, s."""
     with open(f"/proc/{pid}/stat", encoding="ascii") as file:
         fields = file.read().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def resident_bytes(pid: int) -> int:
-    """Memory of a process now."""
+    """Resident memory of a process."""
     with open(f"/proc/{pid}/statm", encoding="ascii") as file:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE")
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """Of values in any order."""
+    """Return a quantile of unsorted values."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]

@@ -1,4 +1,5 @@
-"""The Cartesian interface over ROS 2 and the web (2025): from a topic to the robot's datagram."""
+"""The Cartesian interface over ROS 2 and the web (2025): latency from a topic to the robot's
+datagram."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from studies.result import Drawn, Figure, Result, Table, spread_of, table_of
 
 TRIALS, QUICK_TRIALS = 300, 20
 BLOCKS = 5
-"""Of the trials of one transport: the quantiles of the blocks say how much they vary."""
+"""Cells for one transport's trials: the quantiles per block show their variation."""
 
 HOW = (
     "Real time, everything on this computer. A session of a GoFa over EGM, its robot asking every "
@@ -24,7 +25,7 @@ HOW = (
 
 
 def run(quick: bool) -> Result:
-    """Measure."""
+    """Run the study."""
     found = command.measure(QUICK_TRIALS if quick else TRIALS)
 
     def draw() -> Iterator[Drawn]:
@@ -45,13 +46,13 @@ def run(quick: bool) -> Result:
 
 
 def tables(found: dict[str, command.Delays]) -> tuple[Table, ...]:
-    """Return the only table."""
+    """Return the table of all transports."""
     note = f"The robot asks each {1e3 * PERIOD_S:g} ms."
     return (table_of("From a topic to the robot's datagram", command.table(found), note),)
 
 
 def figures(found: dict[str, command.Delays]) -> tuple[Figure, ...]:
-    """Figures by which reports are compared."""
+    """Return the figures by which reports are compared."""
     made = []
     for name, each in found.items():
         for words, share in (("median", 0.5), ("p99", 0.99)):

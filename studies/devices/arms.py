@@ -1,4 +1,4 @@
-"""The one controller on each arm, by both kinds of commands, in virtual time."""
+"""The same controller on each arm, with velocity and position commands, in virtual time."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ PUBLISHED = {"asibot", "amor", "teo_right_arm"}
 RATE_HZ = 50.0
 SPEED_M_S = 0.05
 LENGTH_M = 0.03
-"""Up from the arm's home."""
+"""Length of the motion, up from the arm's home."""
 HOLD_S = 1.0
 LONGEST_S = 0.5
 
 
 class Moved(NamedTuple):
-    """Result of moving an arm up by one kind of commands."""
+    """Result of moving an arm up with one kind of command."""
 
     arm: str
     joints: int
     commands: str
     delay_s: float
-    """On ideal drives, by least error."""
+    """Delay on ideal drives, by least error."""
     reached_m: float
-    """On ideal drives."""
+    """Height reached on ideal drives."""
     drop_m: float
-    """Descent of the arm with its dynamics while nothing moved it, after the motion."""
+    """Descent of the arm with its dynamics while holding after the motion."""
     refusals: int
 
 
@@ -65,7 +65,7 @@ def _run(arm: str, drive: str, commands: str) -> tuple[Array, Array, int, int]:
 
 
 def move(arm: str, commands: str) -> Moved:
-    """Up by 30 mm, and then a second of holding; `commands`: velocity or position."""
+    """Move up by 30 mm and hold for a second; `commands`: velocity or position."""
     times_s, way, refusals, joints = _run(arm, "ideal", commands)
     wanted = _program(times_s)[:, None]
     delay_s = delay_by_least_error(DT_S, wanted, way[:, None], LONGEST_S)
@@ -76,12 +76,12 @@ def move(arm: str, commands: str) -> Moved:
 
 
 def measure(arms: Sequence[str] = ARMS) -> list[Moved]:
-    """Each arm by both kinds."""
+    """Measure each arm with both kinds of commands."""
     return [move(arm, commands) for arm in arms for commands in ("velocity", "position")]
 
 
 def table(found: Sequence[Moved]) -> Table:
-    """A row for each."""
+    """Return the table, a row per arm."""
     rows = tuple(
         (
             each.arm,
@@ -107,7 +107,7 @@ def table(found: Sequence[Moved]) -> Table:
 
 
 def figures(found: Sequence[Moved]) -> list[Figure]:
-    """Figures by which reports are compared."""
+    """Return the figures by which reports are compared."""
     made = []
     for each in found:
         name = f"{each.arm}, {each.commands}"

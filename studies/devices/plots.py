@@ -1,4 +1,4 @@
-"""The picture of the devices. Needs matplotlib."""
+"""Picture of the devices study. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from studies.result import Drawn
 
 
 def draw(found: Sequence[Driven]) -> Iterator[Drawn]:
-    """Age of the newest report in a control instant, and response time of the session."""
+    """Draw the age of the newest report at a control instant, and the session's response time."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.6), layout="constrained")
     for each in found:
         points = within(each.runs[-1])

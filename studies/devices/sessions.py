@@ -1,5 +1,5 @@
-"""Each low-cost device through the one controller: sessions with simulated devices, as the demos
-have them, in real time."""
+"""Each low-cost device with the one controller: the sessions of the demos, with simulated devices,
+in real time."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from studies.result import Figure, Table, known, spread_of
 
 
 class Device(NamedTuple):
-    """A device, and the demo that has it."""
+    """A device and its demo."""
 
     name: str
     demo: str
     published: str = ""
-    """Commands and frame, as the paper has them; empty: it has no such device."""
+    """Commands and frame in the paper; empty: the paper has no such device."""
 
 
 PUBLISHED = (
@@ -33,30 +33,30 @@ OTHERS = (
     Device("keyboard", "keyboard-ur5"),
 )
 SERIAL = Device("serial 3Dconnexion device", "spacemouse-serial")
-"""With its plug-in."""
+"""Needs the plug-in cardan-serial-mice."""
 
 COMMANDS = {Mode.RATE: "velocity", Mode.POSITION: "position", Mode.ABSOLUTE: "absolute position"}
 
 
 class Driven(NamedTuple):
-    """Result of the sessions of one device."""
+    """Result of the sessions with one device."""
 
     device: Device
     commands: str
-    """And the frame."""
+    """Kind of the commands, and their frame."""
     runs: tuple[Snapshot, ...]
-    """The last snapshot of each."""
+    """Last snapshot of each run."""
     problems: tuple[str, ...]
 
 
 def others() -> tuple[Device, ...]:
-    """Devices that no paper has, of those that are installed."""
+    """Return the installed devices that no paper has."""
     return (*OTHERS, SERIAL) if SERIAL.demo in find_demos() else OTHERS
 
 
 def measure(devices: Sequence[Device], seconds: float, turns: int) -> list[Driven]:
-    """Each device for so long, or as long as its demo needs, so many times; all devices, and then
-    all again."""
+    """Measure each device for `seconds`, or as long as its demo needs, in `turns` rounds over all
+    devices."""
     found: dict[Device, Driven] = {}
     for _ in range(turns):
         for device in devices:
@@ -79,13 +79,14 @@ def age_s(last: Snapshot) -> float | None:
 
 
 def within(last: Snapshot) -> list[tuple[float, float]]:
-    """Ages, s, and the share of the control instants whose newest report was no older."""
+    """Return ages, s, and the share of control instants whose newest report was at most that
+    old."""
     counts, inputs = last.loop.input_age_within, last.loop.inputs
     return [(b, n / inputs) for b, n in zip(BOUNDS_S, counts, strict=False) if inputs]
 
 
 def table(found: Sequence[Driven]) -> Table:
-    """A row for each device, by its last run."""
+    """Return the table, a row per device, from its last run."""
     rows = []
     for each in found:
         last, age = each.runs[-1], age_s(each.runs[-1])
@@ -121,7 +122,7 @@ _NOTE = (
 
 
 def figures(found: Sequence[Driven]) -> list[Figure]:
-    """Figures by which reports are compared: means of the runs."""
+    """Return the figures by which reports are compared: means of the runs."""
     made = []
     for each in found:
         name = each.device.name

@@ -1,4 +1,5 @@
-"""The generic controller with low-cost devices (2023): every device, every arm, one controller."""
+"""The generic controller with low-cost devices (2023): every device and every arm with one
+controller."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ HOW = (
 
 
 def run(quick: bool) -> Result:
-    """Measure."""
+    """Run the study."""
     moved = arms.measure(QUICK_ARMS if quick else arms.ARMS)
     if quick:
         driven = sessions.measure(sessions.PUBLISHED, QUICK_S, 1)

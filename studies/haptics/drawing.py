@@ -13,16 +13,16 @@ DEMO = "omni"
 
 
 class Drawing(NamedTuple):
-    """Result of the drawing."""
+    """Result of a drawing."""
 
     last: Snapshot
     budget_j: float
-    """Energy that passivity allows in one engagement."""
+    """Energy limit of passivity for one engagement."""
     problems: tuple[str, ...]
 
 
 def measure(seconds: float) -> Drawing:
-    """Run the demo for so long. RuntimeError: its session failed."""
+    """Run the demo for this time. Raises RuntimeError if its session fails."""
     with simulated_hardware(choose_demo(DEMO), seconds) as (config, through):
         outcome = supervise(config, seconds, through=through)
         options = make_device(config).options

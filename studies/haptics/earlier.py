@@ -1,8 +1,8 @@
 """Effect of events before a contact on the energy that the tick gives in it.
 
-A loop that keeps books of energy may be fed in advance: what it took in while nothing was touched
-would hide an unstable contact for as long. Here a hand stirs in free air, or leans on a wall that
-returns what it is given, before it meets a wall that is far away.
+A loop with energy accounting may be charged in advance: energy absorbed in free motion would mask
+an unstable contact until it is spent. Here a hand stirs in free air, or leans on a wall that
+returns all energy, before it meets a remote wall.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from studies.haptics.stability import (
 )
 
 SURPLUS_J = 0.05
-"""The most that the tick keeps of what it took in; by tick.h of cardan_omni.driver."""
+"""Largest surplus that the tick keeps of absorbed energy, by tick.h of cardan_omni.driver."""
 STIR_M_S = 0.2
 """RMS speed in free air."""
 STIR_M = 0.05
 FREE_M = 0.06
-"""Height over the wall meanwhile."""
+"""Height over the wall while stirring."""
 CONTACT_S = 4.0
 """Duration of the observed contact."""
 PASSIVE = (100.0, Link())
-"""Stiffness, N/m, and link of a wall that returns what it is given."""
+"""Stiffness, N/m, and link of a wall that returns all energy."""
 LEAN_N = 1.9
-"""18 mJ in that wall's spring."""
+"""Force that stores 18 mJ in that wall's spring."""
 LEAN_S = 2.0
 
 
@@ -52,15 +52,15 @@ class Before(NamedTuple):
     name: str
     stir_s: float = 0.0
     noise_n: float = 0.0
-    """RMS of the measured force's, of all three axes together, all the time."""
+    """RMS of the noise on the measured force, of all axes together, at all times."""
     leans: bool = False
-    """Onto the passive wall."""
+    """True: the hand leans on the passive wall."""
     keeps: bool = False
-    """The wall becomes a late one under the hand, which then leans less."""
+    """True: the wall under the hand gets a delay, and the hand leans less."""
 
 
 class Contact(NamedTuple):
-    """The wall that the hand then touches."""
+    """Wall that the hand touches afterwards."""
 
     hand: Hand
     stiffness_n_m: float
@@ -79,18 +79,18 @@ CONTACTS = (Contact(LIGHTLY, 400.0, Link(0.01)), Contact(HELD, 400.0, Link(0.05)
 
 
 class Found(NamedTuple):
-    """Result of one contact. Energies are the simulation's own."""
+    """Result of one contact. Energies are taken from the simulation."""
 
     before: Before
     contact: Contact
     given_j: float
-    """Most net energy given to the hand since the contact began, at any time."""
+    """Largest net energy given to the hand since the contact began."""
     surplus_j: float
-    """Energy on the tick's books when the contact began."""
+    """Surplus in the tick's energy account when the contact began."""
     bound_j: float
-    """Bound at that time: the budget, a surplus, and the energy that the sensors hid since."""
+    """Bound at that time: the budget, a surplus, and the energy hidden by the sensors since."""
     margin_j: float
-    """Least of bound less energy since."""
+    """Smallest difference between bound and energy since."""
     restless_m_s: float
     """RMS speed in the last half second."""
 
@@ -121,7 +121,7 @@ def _motion(before: Before, hand: Hand) -> tuple[list[tuple[float, Vector3]], fl
 
 
 def run(limits: TickLimits, before: Before, contact: Contact) -> tuple[Trace, int]:
-    """The whole of it, and the first tick of the contact."""
+    """Return the whole trace, and the first tick of the contact."""
     hand = contact.hand
     points, begins_s = _motion(before, hand)
     stiff = Vector3(hand.stiffness_n_m, hand.stiffness_n_m, hand.stiffness_n_m)
@@ -162,7 +162,7 @@ def find(limits: TickLimits, before: Before, contact: Contact) -> Found:
     """Run a contact and return its result."""
     trace, begins = run(limits, before, contact)
     surplus_j = float(trace.surplus_j[begins - 1])
-    # The books at the beginning cover the motion until a tick before it.
+    # The account at the beginning covers the motion until a tick before it.
     given, hidden = trace.given_j[begins - 2 : -1], hidden_j(trace)[begins - 2 : -1]
     given, hidden = given - given[0], hidden - hidden[0]
     bound = limits.energy_budget_j + max(0.0, surplus_j) + np.maximum(0.0, hidden)
@@ -180,7 +180,7 @@ def find(limits: TickLimits, before: Before, contact: Contact) -> Found:
 
 
 def table(found: list[tuple[Found, Found]]) -> str:
-    """Markdown: plain and ours, contact by contact."""
+    """Return the Markdown table: plain loop and ours, contact by contact."""
     lines = [
         "| before | then | K, N/m | there and back | plain: energy, speed | ours "
         "| surplus on the books | its bound |",
@@ -199,7 +199,7 @@ def table(found: list[tuple[Found, Found]]) -> str:
 
 
 def measure() -> list[tuple[Found, Found]]:
-    """Plain and ours in all of them."""
+    """Summarize the plain loop and ours over all contacts."""
     return [
         (find(PLAIN, before, contact), find(OURS, before, contact))
         for contact in CONTACTS

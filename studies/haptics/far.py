@@ -1,7 +1,7 @@
-"""Stiffness felt over delay: a wall at an arm far away, over a network that is uneven and lossy.
+"""Rendered stiffness over delay: a wall at a remote arm, over a network with jitter and loss.
 
-The simulated Omni and the compiled tick, as ever; between them and the far wall either nothing, the
-newest force rendered as it arrives, or the law of `cardan devices share` at both ends.
+The simulated Omni and the compiled tick meet a remote wall: either the newest force is rendered as
+it arrives, or the control law of `cardan devices share` runs at both ends.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from studies.haptics.stability import HELD, LIGHTLY, OURS, PLAIN, Hand, Verdict,
 from studies.side_by_side import side_by_side
 
 DELAYS_S = (0.0, 0.01, 0.05, 0.1, 0.2)
-"""Per direction."""
+"""Delay per direction."""
 LOSS, JITTER = 0.05, 0.5
-"""Lost each way; jitter as a share of the delay."""
+"""Loss per direction; jitter as a share of the delay."""
 STIFFNESS_N_M = 400.0
 SECONDS, PRESSED_S = 6.0, 1.0
-"""Of a run, and the end of it in which the hand rests on the wall."""
+"""Duration of a run, and of its end in which the hand rests on the wall."""
 LAG_S, FASTEST_M_S = 0.004, 2.0
 
 
 class FarWall:
-    """The wall behind both ways. `law`: that of both ends is between."""
+    """The wall behind both links. `law`: the control law runs at both ends."""
 
     def __init__(self, link: Link, law: bool, seed: int = 1) -> None:
         self._there: Channel[tuple[int, Vector3, float]] = Channel(link, seed)
@@ -45,7 +45,7 @@ class FarWall:
         self._far, self._hand = FarPort(), DevicePort() if law else None
 
     def cycle(self, stylus: Vector3, now_s: float) -> MeasuredForce:
-        """Both ends, once in a period: what the tick is to render."""
+        """Run both ends for a period; return the force for the tick."""
         self._sent += 1
         self._there.send((self._sent, stylus, now_s), now_s)
         self._goal = max([self._goal, *self._there.receive(now_s)], key=lambda item: item[0])
@@ -69,17 +69,17 @@ class Point(NamedTuple):
     hand: Hand
     delay_s: float
     plain: Verdict
-    """The newest force as it arrives, in the plain tick."""
+    """Newest force as it arrives, with the plain tick."""
     ours: Verdict
-    """The law of both ends, in our tick."""
+    """Control law at both ends, with our tick."""
     alone_n_m: float
-    """Force over depth where the hand rests, with our tick and without the law."""
+    """Ratio of force to depth at rest, with our tick and without the law."""
     rendered_n_m: float
     """The same ratio with the law."""
 
 
 def run(limits: TickLimits, hand: Hand, link: Link, law: bool) -> Trace:
-    """A hand presses on the far wall, and rests there."""
+    """Press on the remote wall and rest there."""
     with Bench(limits, hand.settings) as bench:
         bench.tick.enable()
         far = FarWall(link, law)
@@ -94,7 +94,7 @@ def run(limits: TickLimits, hand: Hand, link: Link, law: bool) -> Trace:
 
 
 def rendered_n_m(trace: Trace) -> float:
-    """Mean force over mean depth in the end."""
+    """Ratio of mean force to mean depth at the end."""
     late = trace.times_s > trace.times_s[-1] - PRESSED_S
     depth_m = -float(np.mean(trace.position_m[late, 2]))
     return float(np.mean(trace.rendered_n[late, 2])) / depth_m if depth_m > 0.0 else 0.0
@@ -117,12 +117,12 @@ def _point(delay_s: float, hand: Hand) -> Point:
 
 
 def measure(hands: tuple[Hand, ...] = (HELD, LIGHTLY)) -> list[Point]:
-    """All delays, hand by hand."""
+    """Measure all delays, hand by hand."""
     return side_by_side(_point, [(delay_s, hand) for hand in hands for delay_s in DELAYS_S])
 
 
 def table(found: list[Point]) -> str:
-    """Markdown."""
+    """Return the Markdown table."""
     lines = [
         "| hand | delay one way | plain: energy, speed | ours: energy, speed "
         f"| felt of {STIFFNESS_N_M:.0f} N/m | the tick alone |",

@@ -1,7 +1,7 @@
-"""Forces on the hand when something breaks: the same press on a wall with a fault during it.
+"""Forces on the hand after a fault during a press on a wall.
 
-A hand holds the stylus on a wall of 300 N/m with about 0.9 N; every 4 ms a command comes, until at
-`FAULT_S` something goes wrong. The tick has its default limits; time is virtual.
+A hand holds the stylus on a wall of 300 N/m with about 0.9 N; a command arrives every 4 ms, and the
+fault occurs at `FAULT_S`. The tick has its default limits; time is virtual.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from studies.haptics.loop import TICK_S, Array, Bench, Trace
 FAULT_S = 2.0
 AFTER_S = 1.0
 EVERY = 4
-"""Ticks from one command to the next."""
+"""Ticks between two commands."""
 STIFFNESS_N_M = 300.0
 UP = Vector3(0.0, 0.0, 1.0)
 HELD_AT_M = Vector3(0.0, 0.0, -0.007)
@@ -44,7 +44,7 @@ _GET_DOUBLEV = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_dou
 
 
 class Scene:
-    """The press, and what is commanded in it; a fault changes its attributes."""
+    """The press and its commands; a fault changes the attributes."""
 
     def __init__(self) -> None:
         self.position_is_nan = False
@@ -57,7 +57,7 @@ class Scene:
         self.stiffness_n_m = STIFFNESS_N_M
         self.older_ones = False
         self.refused = 0
-        """Commands that the tick refused."""
+        """Number of commands refused by the tick."""
         self.pressed = False
         self._sequence = 0
         motion = HandMotion(
@@ -67,7 +67,7 @@ class Scene:
                 Waypoint(1.6, Vector3(0.0, HELD_AT_M.z, 0.0)),
             )
         )
-        # It stays as long as the bench does, and is called in place of hdGetDoublev.
+        # Called in place of hdGetDoublev; kept as long as the bench.
         self._get_doublev = _GET_DOUBLEV(self._doubles)
         self._real = libhd.load(str(library_path())).functions["hdGetDoublev"]
         self._call = _GET_DOUBLEV(self._real)
@@ -81,7 +81,7 @@ class Scene:
             values[0] = NAN
 
     def command(self, now_s: float) -> None:
-        """Send a command as the gateway does in its cycle."""
+        """Send a command like the gateway in its cycle."""
         if not self.sending:
             return
         self._sequence += 1
@@ -105,23 +105,23 @@ class Scene:
             self.bench.tick.command(strange)
 
     def hold(self, **words: object) -> None:
-        """The hand as it is, with a change."""
+        """Hold the stylus as before, with a change."""
         options: dict[str, object] = {"target_m": HELD_AT_M, **words}
         self.bench.sim.hand(**options)  # type: ignore[arg-type]
 
 
 class Fault(NamedTuple):
-    """Something that goes wrong."""
+    """A fault, and the time in which the force has to vanish."""
 
     name: str
     begin: Callable[[Scene], None]
     dead_s: float = math.inf
-    """Longest time after its beginning until the force has to be zero."""
+    """Longest time from the start of the fault until the force has to be zero."""
     device_cuts: bool = False
-    """The device itself takes its force away at once, whatever is sent."""
+    """True if the device itself cuts its force at once, whatever is sent."""
     forbidden: str = ""
-    """The reason that forbids force at last: within the release from the first tick that gives it
-    force has to be zero, and to stay so."""
+    """State reason that forbids force: from the first tick with it, the force has to become zero
+    within the release time and stay zero."""
 
 
 def _set(**values: object) -> Callable[[Scene], None]:
@@ -165,7 +165,7 @@ def _measured(force: Vector3, late_s: float = 0.0) -> Callable[[Scene], None]:
 
 _ROUNDING_S = 1e-6
 _TICK = TICK_S * 1.5
-"""For the tick in which a fault is found, and rounding."""
+"""Allowance for the tick that detects a fault, and for rounding."""
 _RELEASED = LIMITS.release_s + _TICK
 _SLOW = "the force loop is too slow for force"
 _IRREGULAR = "paused: commands or ticks are too irregular"
@@ -200,40 +200,40 @@ FAULTS = (
 
 
 class FaultResponse(NamedTuple):
-    """Force on the hand from the fault on."""
+    """Force on the hand after the fault."""
 
     fault: Fault
     before_n: float
-    """Norm when it began."""
+    """Norm of the force when the fault began."""
     most_n: float
-    """Largest norm of what was sent."""
+    """Largest norm of the sent force."""
     rise_n_ms: float
-    """Fastest growth of what was sent."""
+    """Fastest growth of the sent force."""
     fall_n_ms: float
-    """Fastest decline, where the motors were still on."""
+    """Fastest decline of the sent force while the motors were on."""
     zero_s: float
     """Time after the fault when the rendered force was first zero; infinite: never."""
     forbidden_s: float
-    """From the first tick that gave the fault's `forbidden` to the first after which no force was
-    sent any more; infinite: no tick gave it, or force was sent to the end."""
+    """Time from the first tick with the reason `forbidden` to the first after which no force was
+    sent; infinite: no such tick, or force was sent to the end."""
     again: bool
-    """There was force again after that."""
+    """True if force returned after that."""
     after: HapticState
     reasons: tuple[str, ...]
-    """All that were given, in order."""
+    """All state reasons, in order."""
     refused: int
     trace: Trace
 
     @property
     def in_time(self) -> bool:
-        """Zero as soon as it has to be."""
+        """True if the force became zero in time."""
         if self.fault.forbidden and self.forbidden_s > LIMITS.release_s + _ROUNDING_S:
             return False
         return self.zero_s <= self.fault.dead_s
 
 
 def feel(fault: Fault) -> FaultResponse:
-    """Have one fault, and look."""
+    """Run the press with one fault."""
     scene = Scene()
     with scene.bench as bench:
         bench.tick.enable()
@@ -279,7 +279,7 @@ def _response(
 
 
 def _until_none_s(times_s: Array, sizes: Array) -> float:
-    """Time from the first tick to the one from which on there is no force; infinite: there is."""
+    """Time from the first tick to the one after which there is no force; infinite: none."""
     last = int(np.flatnonzero(sizes > 1e-9).max(initial=-1))
     return float(times_s[last + 1] - times_s[0]) if last + 1 < len(sizes) else math.inf
 
@@ -291,7 +291,7 @@ def _words(state: OperatingState, reason: str) -> str:
 
 
 def table(found: list[FaultResponse]) -> str:
-    """Markdown."""
+    """Return the Markdown table."""
     lines = [
         "| fault | largest force | rise, fall at most | zero after | then |",
         "|---|---|---|---|---|",

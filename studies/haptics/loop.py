@@ -1,7 +1,7 @@
 """The closed loop in virtual time: simulated Omni, its libHD, the compiled tick, an environment.
 
-Everything is the real thing but the device and the time: the tick's callback is called by libHD's
-scheduler, in each tick, through the function table; only the scheduler steps when it is told to.
+Only the device and the time are simulated: the tick's callback is called by libHD's scheduler, in
+each tick, through the function table; the scheduler is stepped.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ JOINT_QUANTUM_RAD = 2.0 * np.pi / 15000
 
 
 def _misplaced_m() -> float:
-    """Return the tip's largest error by encoders, in the middle of the workspace: each joint is at
-    most half a quantum off, and the worst of the eight corners counts."""
+    """Return the tip's largest encoder error in the middle of the workspace: each joint is at most
+    half a quantum off, and the worst of the eight corners counts."""
     jacobian = np.array(kinematics(Vector3(0.0, 0.7420, 0.5531))[1]).reshape(3, 3)
     corners = [
         jacobian @ (0.5 * JOINT_QUANTUM_RAD * np.array(signs))
@@ -51,7 +51,7 @@ class Trace(NamedTuple):
     position_m: Array
     velocity_m_s: Array
     sent_n: Array
-    """Force in the frame that ended last."""
+    """Force set in the last complete frame."""
     rendered_n: Array
     """Force of the motors."""
     measured_m: Array
@@ -59,17 +59,17 @@ class Trace(NamedTuple):
     given_j: Array
     """Work of the motors on the stylus so far, by the simulation."""
     believed_j: Array
-    """The same work by the tick's own books."""
+    """The same work in the tick's own energy account."""
     surplus_j: Array
-    """Energy on the tick's books that it may give back; below 0: given."""
+    """Energy in the tick's account that it may still give; below 0: energy given beyond."""
     damping_n_s_m: Array
-    """Of the passivity controller."""
+    """Damping of the passivity controller."""
     states: list[tuple[OperatingState, str]]
-    """State, and the reason why the force is not as commanded."""
+    """State, and the reason for a force other than commanded."""
 
 
 class Bench:
-    """A simulated Omni whose force the tick makes. Time passes in `run` alone."""
+    """A simulated Omni whose force is computed by the tick. Time advances in `run` only."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class Bench:
         settings: OmniSettings | None = None,
         replace: Mapping[str, int] | None = None,
     ) -> None:
-        """`replace`: addresses that stand in for libHD's functions of those names."""
+        """`replace`: addresses that replace libHD's functions of those names."""
         chosen = settings if settings is not None else OmniSettings()
         self.sim = SimulatedOmni(dataclasses.replace(chosen, virtual=True))
         self.tick = Tick(limits)
@@ -114,17 +114,17 @@ class Bench:
 
     @property
     def now_s(self) -> float:
-        """The virtual time."""
+        """Virtual time."""
         return self.sim.now_s
 
     @property
     def position(self) -> Vector3:
-        """The stylus's, as the tick knows it."""
+        """Position of the stylus, as the tick knows it."""
         pose = self.tick.snapshot().pose
         return pose.position if pose is not None else ZERO3
 
     def run(self, seconds: float, each: Callable[[float], None] | None, every: int = 4) -> None:
-        """So long; `each` is called with the time before every `every` ticks."""
+        """Run for this time; `each` is called with the time before every `every` ticks."""
         step, truth, tick, add = self.sim.step, self.sim.truth, self.tick, self._rows.append
         for count in range(round(seconds / TICK_S)):
             if each is not None and count % every == 0:
@@ -149,7 +149,7 @@ class Bench:
 
     @property
     def trace(self) -> Trace:
-        """Everything so far."""
+        """Return the record so far."""
         rows = np.array(self._rows)
         parts = (rows[:, k : k + 3] for k in (1, 4, 7, 10, 13))
         position, velocity, sent, rendered, measured = parts

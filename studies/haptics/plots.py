@@ -1,4 +1,4 @@
-"""The pictures of docs/stability.md. Needs matplotlib."""
+"""Pictures of docs/stability.md. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from studies.result import Drawn
 OURS_COLOR, OFF_COLOR, PLAIN_COLOR = "tab:blue", "tab:orange", "tab:red"
 THEORY = "black"
 PAIR = (400.0, Link(0.05))
-"""Stiffness and link of the traces, held."""
+"""Stiffness and link of the traces of the held stylus."""
 ROBOT_LAG_S = 0.004
 FAULT_RESPONSES = (
     "command source dead",
@@ -53,7 +53,7 @@ FAULT_RESPONSES = (
 
 
 def draw_pair() -> Iterator[Drawn]:
-    """The one that says most; it runs what it shows."""
+    """Draw the most telling pair of traces; runs their simulations."""
     yield Drawn("pair", "An unstable and a stable loop", _pair())
 
 
@@ -65,7 +65,7 @@ def draw(
     responses: list[FaultResponse],
     far: list[Point],
 ) -> Iterator[Drawn]:
-    """All pictures."""
+    """Draw all pictures."""
     yield Drawn("map", "Stability over stiffness and delay", _map(grids))
     yield Drawn("channel", "Jitter, loss and sampling", _channel(channel, sampling))
     yield from draw_pair()
@@ -110,7 +110,7 @@ def _cell(
     edges: list[float],
     rows: tuple[float, ...],
 ) -> Any:
-    """Energy given by one of the loops, row by row; crosses where it is not stable."""
+    """Draw the energy given by one of the loops, row by row; crosses mark unstable runs."""
     verdicts: list[Verdict] = [getattr(point, name) for point in points]
     given_mj = [1e3 * max(verdict.given_j, 1e-4) for verdict in verdicts]
     mesh = cell.pcolormesh(
@@ -205,7 +205,7 @@ def _rule(hand: Hand, delay_s: float) -> float:
 
 
 def _bound_mj(trace: Trace) -> Array:
-    """Of a run of ours."""
+    """Return the energy bound of a run of ours."""
     bound: Array = 1e3 * (OURS.energy_budget_j + np.maximum(0.0, hidden_j(trace)))
     return bound
 

@@ -1,5 +1,5 @@
-/* Stands between a scheduler of libHD and a callback, and between the callback and libHD's
- * functions, and notes when what happened. Compiled by the benchmark for itself. */
+/* Intercepts the calls from libHD's scheduler to a callback and from the callback to libHD's
+ * functions, and records their times. Compiled by the benchmark. */
 #include "hdapi.h"
 
 #include <math.h>
@@ -74,7 +74,7 @@ PROBE_API HDCallbackCode probe_callback(void *unused) {
     return code;
 }
 
-/* A libHD that does nothing, to time what calls it: its device stands still at the origin. */
+/* A libHD that does nothing, to time its callers: its device rests at the origin. */
 static double virtual_s;
 
 PROBE_API void nothing_frame(HHD handle) {}
@@ -96,7 +96,7 @@ PROBE_API HDErrorInfo nothing_error(void) {
 }
 PROBE_API double nothing_now(void) { return virtual_s; }
 
-/* So many ticks of a millisecond, one after the other; what each cost, s. */
+/* Run ticks of 1 ms back to back; record the cost of each, s. */
 PROBE_API void probe_run(HDSchedulerCallback callback, void *user, int64_t count, double *costs_s,
                          double *last_force_n) {
     for (int64_t i = 0; i < count; i++) {

@@ -1,8 +1,8 @@
-"""A robot at a wall, far away: what the force of a bilateral loop goes through, without I/O.
+"""A remote robot at a wall: the path of the force in a bilateral loop, without I/O.
 
 The stylus's position goes to the robot by one channel, the measured force comes back by another.
-Both are late, uneven and lossy; the robot follows its command behind a lag and a speed limit, and
-both ends look once in a period.
+Both have delay, jitter and loss; the robot follows its command with a lag and a speed limit, and
+both ends are sampled once per period.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ T = TypeVar("T")
 
 
 class Link(NamedTuple):
-    """A channel in one direction, and the period at which both its ends look."""
+    """A channel in one direction, and the period at which both its ends are sampled."""
 
     delay_s: float = 0.0
     jitter_s: float = 0.0
-    """Up to so much later, evenly distributed; what was sent later may arrive earlier."""
+    """Largest additional delay, uniformly distributed; items may overtake each other."""
     loss: float = 0.0
-    """Share of what is sent that never arrives."""
+    """Share of lost items."""
     period_s: float = 0.004
 
 
@@ -39,7 +39,7 @@ class Channel(Generic[T]):
         self._sent = 0
 
     def send(self, item: T, now_s: float) -> None:
-        """Put `item` on its way."""
+        """Send `item`."""
         self._sent += 1
         if self._random.random() < self._link.loss:
             return
@@ -47,7 +47,7 @@ class Channel(Generic[T]):
         heapq.heappush(self._under_way, (now_s + late_s, self._sent, item))
 
     def receive(self, now_s: float) -> list[T]:
-        """All that has arrived by now, in the order of arrival."""
+        """Return all items that have arrived by now, in the order of arrival."""
         found = []
         while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
             found.append(heapq.heappop(self._under_way)[2])
@@ -55,15 +55,15 @@ class Channel(Generic[T]):
 
 
 class Wall(NamedTuple):
-    """A stiff plane, as the hand is to feel it: scales are in the stiffness."""
+    """A stiff plane as seen by the hand: the stiffness includes the scales."""
 
     point: Vector3
     normal: Vector3
-    """Unit, out of the wall."""
+    """Unit normal, out of the wall."""
     stiffness_n_m: float
 
     def force(self, position: Vector3) -> Vector3:
-        """On whatever is at `position`, N."""
+        """Return the force at `position`, N."""
         depth = sum((p - q) * n for p, q, n in zip(self.point, position, self.normal, strict=True))
         push = self.stiffness_n_m * max(0.0, depth)
         return Vector3(*(push * n for n in self.normal))
@@ -79,7 +79,7 @@ class Robot:
         self.position = start
 
     def step(self, goal: Vector3, dt_s: float) -> Vector3:
-        """Go on towards `goal` for `dt_s`; the force that the wall has on the robot then, N."""
+        """Move towards `goal` for `dt_s`; return the wall's force on the robot, N."""
         share = 1.0 - math.exp(-dt_s / self._lag_s) if self._lag_s > 0.0 else 1.0
         step = [share * (g - p) for g, p in zip(goal, self.position, strict=True)]
         length, most = math.hypot(*step), self._fastest_m_s * dt_s
@@ -89,7 +89,7 @@ class Robot:
 
 
 class RemoteWall:
-    """The whole way round. `cycle` is called once in `there.period_s`, by the gateway."""
+    """The remote wall with both channels. The gateway calls `cycle` once per `there.period_s`."""
 
     def __init__(
         self,
@@ -117,10 +117,10 @@ class RemoteWall:
         return self._robot.position
 
     def cycle(self, stylus: Vector3, now_s: float) -> MeasuredForce | None:
-        """Send the stylus's position; the newest force that has come back, stamped on arrival.
+        """Send the stylus's position; return the newest force received, stamped on arrival.
 
-        Nobody here can know how old the force was when it arrived: the two ends share no clock.
-        An item that a newer one has overtaken is dropped at either end.
+        The age of the force on arrival is unknown, because the two ends share no clock. Both ends
+        drop items that a newer one has overtaken.
         """
         self._sent += 1
         self._there.send((self._sent, stylus), now_s)

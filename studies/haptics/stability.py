@@ -1,7 +1,7 @@
-"""Plain loop against ours: which of them gives energy to the hand, and how much.
+"""Comparison of a plain loop with ours: energy given to the hand.
 
-The plain loop is the same tick with the same clamp and the same watchdogs, and without what makes a
-loop passive: no passivity controller, no damping, no extrapolation, no gentle slew, no detectors.
+The plain loop is the same tick with the same clamp and watchdogs, without the measures for
+passivity: no passivity controller, no damping, no extrapolation, no slew limit, no detectors.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ PLAIN = UncheckedLimits(
     velocity_gate_m_s=100.0,
     oscillation_speed_m_s=100.0,
 )
-"""Slew at the most that a tick's own release needs: 0.4 N a tick."""
+"""Slew rate that the tick's own release needs at most: 0.4 N a tick."""
 CONTROLLER_OFF = dataclasses.replace(OURS, passivity=False)
-"""Ours without the passivity controller, and with all else: what the controller itself does."""
+"""Our loop without the passivity controller only, to show the controller's effect."""
 
 DURATION_S = 3.0
 RESTLESS_M_S = 0.02
-"""RMS speed in the last half second above which a loop has not settled: the hand is at rest then,
-and one encoder quantum back and forth at 100 Hz is 0.014 m/s."""
+"""Limit for the RMS speed in the last half second, above which a loop has not settled: the hand is
+at rest then, and one encoder quantum back and forth at 100 Hz is 0.014 m/s."""
 
 
 DROOP_N = 0.2
-"""Of an unheld stylus: the friction holds it where nothing else does."""
+"""Weight of an unheld stylus that friction carries in free air."""
 
 
 class Hand(NamedTuple):
@@ -55,13 +55,13 @@ class Hand(NamedTuple):
     """Desired depth in the wall."""
     gripped: bool = True
     push_n: float = 0.0
-    """Beside it, on the stylus: a weight."""
+    """Additional force on the stylus: a weight."""
     friction_n: float = 0.26
-    """The device's own."""
+    """Friction of the device."""
 
     @property
     def settings(self) -> OmniSettings:
-        """From 5 mm above the wall into it within 0.3 s, and then at rest."""
+        """Motion from 5 mm above the wall into it within 0.3 s, and then rest."""
         stiff = Vector3(self.stiffness_n_m, self.stiffness_n_m, self.stiffness_n_m)
         ways = ((0.0, 0.005), (0.3, 0.005), (0.6, -self.depth_m))
         points = tuple(
@@ -86,18 +86,19 @@ HANDS = (HELD, LIGHTLY, UNHELD)
 
 
 class Verdict(NamedTuple):
-    """Result of a run. Energies are the simulation's own."""
+    """Result of a run. Energies are taken from the simulation."""
 
     given_j: float
-    """Most net energy that the motors had given to the hand at any time."""
+    """Largest net energy given to the hand by the motors."""
     bound_j: float
-    """Bound of `given_j` at that time: the budget, and the energy that the sensors hid by then."""
+    """Bound of `given_j` at that time: the budget, and the energy hidden by the sensors so far."""
     margin_j: float
-    """Least of bound less energy over all times; below 0: violated."""
+    """Smallest difference between bound and energy; below 0: violated."""
     hidden_j: float
-    """Most that the sensors hid from the books at any time."""
+    """Largest energy hidden from the tick's account by the sensors."""
     harder_j: float
-    """Energy that tick.h allows beside the budget for true accelerations > 100 m/s² in the run."""
+    """Energy that tick.h allows in addition to the budget for true accelerations > 100 m/s² in the
+    run."""
     restless_m_s: float
     """RMS speed in the last half second."""
     peak_n: float
@@ -119,7 +120,7 @@ class Verdict(NamedTuple):
 
 
 def harder_j(trace: Trace, limits: TickLimits) -> Array:
-    """The sum in the bound of tick.h at each tick, from the true motion."""
+    """Evaluate the sum in tick.h's bound at each tick, from the true motion."""
     most = math.ceil(limits.clamp_n / (limits.slew_fall_n_s * TICK_S))
     price_n = limits.clamp_n * (most + 3) / 2.0
     moved = np.diff(trace.position_m, axis=0, prepend=trace.position_m[:1])
@@ -129,12 +130,12 @@ def harder_j(trace: Trace, limits: TickLimits) -> Array:
 
 
 def hidden_j(trace: Trace) -> Array:
-    """Return the energy that the tick gave until each tick beyond its books, because of its sensors
-    and motors; exact, and of either sign.
+    """Return the energy given until each tick that is missing in the tick's account, because of
+    sensors and motors; exact, and of either sign.
 
-    The tick is told y(k) = x(k-1) + q(k): a tick old, and quantized. It books at least
-    F(k-2) . (y(k) - y(k-1)). That is the true work but for F(k-2) . (q(k) - q(k-1)), and but for
-    what the motors' converter rounds. Row k - 1 is what tick k can know of.
+    The tick receives y(k) = x(k-1) + q(k): a tick old, and quantized. Its account adds at least
+    F(k-2) . (y(k) - y(k-1)). This is the true work except for F(k-2) . (q(k) - q(k-1)) and the
+    rounding of the motors' converter. Tick k knows the rows up to k - 1.
     """
     x, y, sent = trace.position_m, trace.measured_m, trace.sent_n
     q = y[1:] - x[:-1]
@@ -148,7 +149,7 @@ def hidden_j(trace: Trace) -> Array:
 
 
 def judge(trace: Trace, limits: TickLimits) -> Verdict:
-    """The verdict on a run of one engagement that the hand ended at rest."""
+    """Judge a run with one engagement and a hand at rest in the end."""
     hidden = hidden_j(trace)
     bound = limits.energy_budget_j + np.maximum(0.0, hidden)
     last = trace.times_s > trace.times_s[-1] - 0.5
@@ -187,7 +188,7 @@ def local(
     damping_n_s_m: float = 0.0,
     seconds: float = DURATION_S,
 ) -> Trace:
-    """A wall that the tick itself renders."""
+    """Run with a wall rendered by the tick itself."""
     wall = Plane(ZERO3, Vector3(0.0, 0.0, 1.0), stiffness_n_m, damping_n_s_m=damping_n_s_m)
 
     def environment(bench: Bench) -> Each:
@@ -209,7 +210,7 @@ def remote(
     seconds: float = DURATION_S,
     seed: int = 1,
 ) -> Trace:
-    """A wall that a robot touches far away; `link` is each of the two ways."""
+    """Run with a wall touched by a remote robot; `link`: each direction."""
     wall = Wall(ZERO3, Vector3(0.0, 0.0, 1.0), stiffness_n_m)
 
     def environment(bench: Bench) -> Each:
@@ -226,12 +227,12 @@ def remote(
 
 
 class Push(NamedTuple):
-    """A pushed parameter: the plain loop is stable at `calm`, and no longer at `pushed`."""
+    """A parameter pushed until the plain loop, stable at `calm`, is unstable at `pushed`."""
 
     name: str
     hand: Hand
     calm: tuple[float, Link]
-    """Stiffness, N/m, and each of the two ways."""
+    """Stiffness, N/m, and link in each direction."""
     pushed: tuple[float, Link]
 
 
@@ -248,7 +249,7 @@ PUSHES = (
 
 
 class Compared(NamedTuple):
-    """Both loops at one point."""
+    """Results of both loops at one point."""
 
     hand: Hand
     stiffness_n_m: float
@@ -258,35 +259,35 @@ class Compared(NamedTuple):
 
 
 def compare(hand: Hand, stiffness_n_m: float, link: Link) -> Compared:
-    """Run both there."""
+    """Run both loops at one point."""
     plain, ours = (judge(remote(x, hand, stiffness_n_m, link), x) for x in (PLAIN, OURS))
     return Compared(hand, stiffness_n_m, link, plain, ours)
 
 
 GRID_STIFFNESSES = tuple(float(k) for k in np.geomspace(20.0, 4000.0, 14))
 GRID_DELAYS_S = (0.0, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1)
-"""Per direction."""
+"""Delay per direction."""
 
 
 def grid(hand: Hand) -> list[Compared]:
-    """Both loops over stiffness and delay, stiffness by stiffness."""
+    """Compare the loops over stiffness and delay, stiffness by stiffness."""
     calls = [(hand, k, Link(d)) for k in GRID_STIFFNESSES for d in GRID_DELAYS_S]
     return side_by_side(compare, calls)
 
 
 JITTERS_S = (0.0, 0.01, 0.02, 0.05, 0.1)
-"""Per direction."""
+"""Jitter per direction."""
 LOSSES = (0.0, 0.2, 0.4, 0.6, 0.8)
-"""Per direction."""
+"""Loss per direction."""
 CHANNEL_STIFFNESS_N_M = 140.0
 CHANNEL_DELAY_S = 0.01
 PERIODS_S = (0.004, 0.008, 0.012, 0.015, 0.018)
-"""Below `hold_s`: a source that is silent for so long counts as dead."""
+"""Sampling periods below `hold_s`, after which a silent source counts as dead."""
 SAMPLED_STIFFNESSES = (500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0)
 
 
 def channel_grid() -> list[Compared]:
-    """Both loops, lightly held, over loss and jitter, loss by loss."""
+    """Compare the loops, lightly held, over loss and jitter, loss by loss."""
     calls = [
         (LIGHTLY, CHANNEL_STIFFNESS_N_M, Link(CHANNEL_DELAY_S, jitter, loss))
         for loss in LOSSES
@@ -296,7 +297,8 @@ def channel_grid() -> list[Compared]:
 
 
 def sampling_grid() -> list[Compared]:
-    """Both loops, held, over stiffness and sampling, stiffness by stiffness; no delay."""
+    """Compare the loops, held, over stiffness and sampling period without delay, stiffness by
+    stiffness."""
     calls = [
         (HELD, stiffness, Link(period_s=period))
         for stiffness in SAMPLED_STIFFNESSES
@@ -306,7 +308,7 @@ def sampling_grid() -> list[Compared]:
 
 
 def link_words(link: Link) -> str:
-    """A link as the tables have it; delays there and back."""
+    """Describe a link for the tables; delays are round trips."""
     words = f"{2e3 * link.delay_s:.0f} ms"
     if link.jitter_s:
         words += f" + 0..{2e3 * link.jitter_s:.0f} ms"
@@ -318,7 +320,7 @@ def link_words(link: Link) -> str:
 
 
 def table(found: list[tuple[Push, Compared, Compared]]) -> str:
-    """Markdown: what was pushed, calm and pushed."""
+    """Return the Markdown table of the pushes, calm and pushed."""
     lines = [
         "| varied | hand | K, N/m | there and back | plain: energy, speed | ours | its bound |",
         "|---|---|---|---|---|---|---|",
@@ -338,7 +340,7 @@ def table(found: list[tuple[Push, Compared, Compared]]) -> str:
 
 
 def summary(what: str, points: list[Compared]) -> str:
-    """Return a line of text on a grid over `what`."""
+    """Summarize a grid over `what` in one line."""
     unstable = [one for one in points if not one.plain.stable]
     retained = sum(one.ours.passive for one in points)
     rest = sum(one.ours.settled for one in points)

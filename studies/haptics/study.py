@@ -1,4 +1,4 @@
-"""Bilateral haptics (2026): drawing, and what it leaves for later, stability at contacts."""
+"""Bilateral haptics (2026): drawing, and the paper's future work, stability at contacts."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from studies.result import Drawn, Figure, Result, Table, known, table_of
 DRAWING_S, QUICK_DRAWING_S = 30.0, 10.0
 
 SMALLEST_MJ = 0.1
-"""Of energies that are compared: less is no difference."""
+"""Spread of energies: smaller differences are ignored."""
 WITHIN = 0.05
-"""Of a stiffest wall: it is sought within 2 %."""
+"""Relative spread of a stiffest wall, which is found to within 2 %."""
 
 HOW = (
     "Stability and what faults feel like: virtual time, the simulated Omni, its libHD and the "
@@ -28,10 +28,10 @@ HOW = (
 
 
 class Grids(NamedTuple):
-    """Measurements that a whole report has beside the pushes."""
+    """Measurements of a full report in addition to the pushes."""
 
     hands: list[list[Compared]]
-    """Over stiffness and delay, for each way to hold the stylus."""
+    """Grid over stiffness and delay, for each way to hold the stylus."""
     channel: list[Compared]
     sampling: list[Compared]
     widths: list[zwidth.Width]
@@ -40,7 +40,7 @@ class Grids(NamedTuple):
 
 
 def pushes() -> list[tuple[Push, Compared, Compared]]:
-    """Both loops, calm and pushed."""
+    """Compare both loops, calm and pushed."""
     compare = stability.compare
     return [(p, compare(p.hand, *p.calm), compare(p.hand, *p.pushed)) for p in PUSHES]
 
@@ -58,7 +58,7 @@ def grids() -> Grids:
 
 
 def summaries(found: Grids) -> list[str]:
-    """A line for each grid."""
+    """Summarize each grid in a line."""
     lines = [stability.summary("stiffness and delay", points) for points in found.hands]
     lines.append(stability.summary("jitter and loss", found.channel))
     lines.append(stability.summary("stiffness and sampling", found.sampling))
@@ -66,7 +66,7 @@ def summaries(found: Grids) -> list[str]:
 
 
 def run(quick: bool) -> Result:
-    """Measure."""
+    """Run the study."""
     pushed = pushes()
     more = None if quick else grids()
     drawn = drawing.measure(QUICK_DRAWING_S if quick else DRAWING_S)

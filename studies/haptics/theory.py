@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Held(NamedTuple):
-    """A stylus and the hand on it, one axis, linear: m·a = −b·v − k·x + wall."""
+    """A stylus and the hand holding it, one axis, linear: m·a = −b·v − k·x + wall."""
 
     mass_kg: float
     damping_n_s_m: float
@@ -23,7 +23,7 @@ class Held(NamedTuple):
 
 
 def passive_stiffness(damping_n_s_m: float, wall_damping_n_s_m: float, period_s: float) -> float:
-    """Stiffest sampled wall that is passive against any hand, N/m: b > K·T/2 + |B|."""
+    """Stiffest sampled wall that is passive for any hand, N/m: b > K·T/2 + |B|."""
     return max(0.0, 2.0 * (damping_n_s_m - abs(wall_damping_n_s_m)) / period_s)
 
 
@@ -35,12 +35,12 @@ def stable_stiffness_rule(
 
 
 def passive_by_friction(friction_n: float, quantum_m: float) -> float:
-    """Stiffest wall whose quantization Coulomb friction makes up for, N/m: f_c > K·Δ/2."""
+    """Stiffest wall whose quantization is compensated by Coulomb friction, N/m: f_c > K·Δ/2."""
     return 2.0 * friction_n / quantum_m
 
 
 def _exponential(matrix: Array) -> Array:
-    """Of a small matrix, by scaling and squaring."""
+    """Matrix exponential of a small matrix, by scaling and squaring."""
     halvings = max(0, math.ceil(math.log2(max(1e-12, float(np.abs(matrix).sum())))) + 4)
     scaled = matrix / 2.0**halvings
     total, term = np.eye(len(matrix)), np.eye(len(matrix))
@@ -53,7 +53,8 @@ def _exponential(matrix: Array) -> Array:
 
 
 def spectral_radius(held: Held, stiffness_n_m: float, period_s: float, samples: int) -> float:
-    """Of the loop closed once in `period_s` by −K·x, `samples` periods old, held in between."""
+    """Spectral radius of the loop closed once per `period_s` by −K·x, `samples` periods old, with a
+    zero-order hold."""
     m, b, k = held
     continuous = np.zeros((3, 3))
     continuous[0, 1] = 1.0
@@ -74,7 +75,7 @@ def spectral_radius(held: Held, stiffness_n_m: float, period_s: float, samples: 
 def stable_stiffness(
     held: Held, period_s: float, samples: int, highest_n_m: float = 1e5, parts: int = 160
 ) -> float:
-    """The stiffness at which the loop of `spectral_radius` first becomes unstable, N/m."""
+    """Smallest stiffness at which the loop of `spectral_radius` is unstable, N/m."""
     low = 1e-2
     for high in np.geomspace(low, highest_n_m, parts)[1:]:
         if spectral_radius(held, float(high), period_s, samples) >= 1.0:

@@ -1,8 +1,8 @@
-"""The tick in real time: jitter, cost, and age of the force that it sends.
+"""The tick in real time: jitter, cost, and age of the sent force.
 
-The simulated libHD runs its own thread at 1 kHz. A probe in C stands between the scheduler and the
-callback, and notes when it was called, what it cost and what it sent: the same for the compiled
-tick and for one in Python. Compared variants are measured in turns within one run.
+The simulated libHD runs its own thread at 1 kHz. A probe in C between the scheduler and the
+callback records the call's time, cost and force, both for the compiled tick and for one in Python.
+Compared variants are measured in turns within one run.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PERIOD_S = 0.001
 SECONDS = 2.0
 TURNS = 2
 CYCLE_S = 0.004
-"""Of the loop that gives a measured force."""
+"""Cycle of the loop that supplies a measured force."""
 STIFFNESS_N_M = 100.0
 UP = Vector3(0.0, 0.0, 1.0)
 HELD = OmniSettings(
@@ -71,7 +71,7 @@ class _Probe(ctypes.Structure):
 
 
 def compile_probe(directory: Path) -> ctypes.CDLL:
-    """The probe, compiled. Raises CalledProcessError or FileNotFoundError without a compiler."""
+    """Compile the probe. Raises CalledProcessError or FileNotFoundError without a compiler."""
     source = Path(__file__).with_name("probe.c")
     made = directory / "probe.so"
     headers = Path(hdapi.__file__).parent
@@ -108,7 +108,7 @@ class Live:
         self._about.end_frame = functions["hdEndFrame"]
         self._about.ticks = self._ticks.ctypes.data
         self._about.room = len(self._ticks)
-        # The simulated libHD asks for real-time scheduling by itself.
+        # The simulated libHD requests real-time scheduling by itself.
         self._about.ordinary = not self._fifo
         functions["hdSetDoublev"] = _address(self._probe, "probe_set_doublev")
         functions["hdEndFrame"] = _address(self._probe, "probe_end_frame")
@@ -138,12 +138,12 @@ class Live:
 
     @property
     def ticks(self) -> Any:
-        """All so far."""
+        """Ticks recorded so far."""
         return self._ticks[: self._about.count]
 
     @property
     def fifo(self) -> bool:
-        """The loop's thread has real-time scheduling."""
+        """True if the loop's thread has real-time scheduling."""
         if self._python:
             return self._python_tick.granted
         self.tick.snapshot()
@@ -152,7 +152,7 @@ class Live:
     def command(
         self, fixtures: tuple[Fixture, ...] = (), measured: MeasuredForce | None = None
     ) -> None:
-        """Have the tick render that."""
+        """Command the tick to render this."""
         self._sequence += 1
         now_s = time.monotonic()
         self.tick.command(
@@ -174,7 +174,7 @@ class PythonTick:
         self._handle = handle
         self._fifo = fifo
         self.granted = False
-        """Real-time scheduling."""
+        """True if the thread has real-time scheduling."""
         self._transform = (ctypes.c_double * 16)()
         self._velocity = (ctypes.c_double * 3)()
         self._force = (ctypes.c_double * 3)()
@@ -203,7 +203,7 @@ class PythonTick:
 
 @contextlib.contextmanager
 def busy_thread() -> Iterator[None]:
-    """Another thread of this interpreter computes."""
+    """Load: another thread of this interpreter computes."""
     ending = threading.Event()
 
     def compute() -> None:
@@ -223,7 +223,7 @@ def busy_thread() -> Iterator[None]:
 
 @contextlib.contextmanager
 def busy_processes() -> Iterator[None]:
-    """As many other processes compute as there are processors; they end by themselves, too."""
+    """Load: as many busy processes as processors; they also end by themselves."""
     program = "import time\nend = time.monotonic() + 60\nwhile time.monotonic() < end: pass"
     count = os.cpu_count() or 1
     processes = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(count)]
@@ -247,20 +247,21 @@ LOADS = {
 
 
 class Evenness(NamedTuple):
-    """Of the ticks under one load."""
+    """Timing of the ticks under one load."""
 
     what: str
     load: str
     fifo: bool
     granted: bool
     errors_s: Array
-    """|time since the tick before - 1 ms|."""
+    """|time since the previous tick - 1 ms|."""
     costs_s: Array
     rate_hz: float
 
 
 def evenness(probe: ctypes.CDLL, seconds: float = SECONDS, turns: int = TURNS) -> list[Evenness]:
-    """The compiled tick and a Python callback, each under each load, with and without FIFO."""
+    """Measure the compiled tick and a Python callback, each under each load, with and without
+    FIFO."""
     found: dict[tuple[str, str, bool], list[tuple[bool, Any]]] = {}
     for _ in range(turns):
         for load, context in LOADS.items():
@@ -295,8 +296,8 @@ def _ticks(
 
 
 def ages(probe: ctypes.CDLL, count: int = 200, seconds: float = 10.0) -> tuple[Array, Array]:
-    """Seconds from a new geometry, and from a measured force's stamp, to the end of the frame in
-    which the force first follows it."""
+    """Return the times from a new geometry, and from a measured force's stamp, to the end of the
+    first frame whose force follows it, s."""
     chance = random.Random(1)
     from_fixture, from_measured = [], []
     with Live(probe, python=False, fifo=True, seconds=count * 0.1 + seconds) as live:
@@ -326,9 +327,9 @@ def ages(probe: ctypes.CDLL, count: int = 200, seconds: float = 10.0) -> tuple[A
 
 
 def session_age(seconds: float = 20.0) -> tuple[float, float]:
-    """Median and p99 of the age of the measured force in the tick, s, in a whole session of
-    `cardan demo omni`: from the arrival of the EGM datagram that carried it until a tick uses it,
-    for the last time too. NaN where there was none."""
+    """Return the median and p99 of the age of the measured force at its last use in the tick, s, in
+    a whole session of `cardan demo omni`: counted from the arrival of its EGM datagram. NaN without
+    such a force."""
     with simulated_hardware(choose_demo("omni"), seconds) as (config, through):
         last = supervise(config, seconds, through=through).last
     median, p99 = last.force.measured_age_p50_s, last.force.measured_age_p99_s
@@ -343,7 +344,8 @@ def _keep(again: Any, seconds: float) -> None:
 
 
 def _first_change(ticks: Any, start_s: float) -> float:
-    """End of the first frame whose force differs by 0.02 N from the last one before `start_s`."""
+    """Return the end of the first frame whose force differs by 0.02 N from the last one before
+    `start_s`."""
     first = int(np.searchsorted(ticks["begin_s"], start_s))
     before = ticks["force_n"][first - 1]
     change = np.linalg.norm(ticks["force_n"][first - 1 :] - before, axis=1)
@@ -352,8 +354,8 @@ def _first_change(ticks: Any, start_s: float) -> float:
 
 
 def law_alone(probe: ctypes.CDLL, fixtures: int, batches: int = 400) -> Array:
-    """Cost of ticks one after the other, with a libHD that does nothing, s; a tick's force is
-    checked to be the walls'."""
+    """Return the cost of back-to-back ticks with a libHD that does nothing, s; checks that the
+    force is that of the walls."""
     names = {
         "hdBeginFrame": "frame",
         "hdEndFrame": "frame",
@@ -398,7 +400,7 @@ def _three(values: Array) -> str:
 
 
 def evenness_table(found: list[Evenness]) -> str:
-    """Markdown."""
+    """Return the Markdown table."""
     lines = [
         "| tick | load | real-time scheduling | period error, µs | rate | cost, µs |",
         "|---|---|---|---|---|---|",
@@ -417,7 +419,7 @@ def evenness_table(found: list[Evenness]) -> str:
 def verdicts(
     found: list[Evenness], alone: Array, fixture_s: Array, measured_s: Array, session_s: float
 ) -> str:
-    """The aims, met or missed; Markdown."""
+    """Return the aims, met or missed, as Markdown."""
     by_name = {(one.what, one.load, one.fifo): one for one in found}
     ours = by_name["compiled", "a busy Python thread", True]
     theirs = by_name["Python", "a busy Python thread", True]
@@ -445,7 +447,7 @@ def verdicts(
 
 
 def load_words() -> str:
-    """Load of the machine in words: the case "idle" is idle only if nothing else ran."""
+    """Describe the machine's load: the case "idle" is idle only without other programs."""
     return (
         f"Load in the minute before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors, "
         "of which this benchmark made at most 1."
@@ -453,7 +455,7 @@ def load_words() -> str:
 
 
 class Timing(NamedTuple):
-    """Of the tick, without a session."""
+    """Timing of the tick without a session."""
 
     found: list[Evenness]
     fixture_s: Array
@@ -472,7 +474,7 @@ def measure_tick() -> Timing:
 
 
 def law_table(alone: dict[int, Array]) -> str:
-    """Markdown."""
+    """Return the tables as Markdown."""
     words = ["| law alone | median / p99 / max, µs |", "|---|---|"]
     words += [
         f"| {n} fixture{'s' if n > 1 else ''} | "
@@ -484,7 +486,7 @@ def law_table(alone: dict[int, Array]) -> str:
 
 
 def measure() -> str:
-    """Measure everything; return it as Markdown."""
+    """Measure everything and return it as Markdown."""
     load = load_words()
     found, fixture_s, measured_s, alone = measure_tick()
     session_s = session_age()

@@ -1,8 +1,8 @@
 """Z-width: the stiffest wall that a loop can render at each damping of the wall.
 
-Rendered means that a stylus which a weight of 0.8 N presses onto the wall comes to rest there, or
-calms down by half in 3.5 s, and that the wall holds the weight. The energy is not asked for: theory
-counts what the mechanism's own damping takes, and the energy given to the stylus does not.
+A wall counts as rendered if it holds a stylus pressed onto it by a weight of 0.8 N, and the stylus
+comes to rest there or its speed halves within 3.5 s. Energy is no criterion: theory includes the
+dissipation by the mechanism's damping, and the energy given to the stylus does not.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from studies.haptics.stability import (
 from studies.side_by_side import side_by_side
 
 VISCOUS_N_S_M = 0.1
-"""Of the simulated device."""
+"""Viscous damping of the simulated device."""
 LATE_S = TICK_S
-"""Age of a position when the tick gets it."""
+"""Age of a position on its way into the tick."""
 WEIGHT_N = DROOP_N - UNHELD.push_n
-"""The stylus's own and what is hung on it."""
+"""Weight of the stylus and the mass hung on it."""
 HOLDS_WITHIN_M = 0.001
 SECONDS = 5.0
 LOWEST_N_M, HIGHEST_N_M, FACTOR = 25.0, 20000.0, 1.3
@@ -39,7 +39,7 @@ DAMPINGS_N_S_M = (0.0, 0.1, 0.5, 1.0, 2.0)
 
 
 def rendered(limits: TickLimits, hand: Hand, stiffness_n_m: float, damping_n_s_m: float) -> bool:
-    """Return True if the stylus comes to rest at that wall, or calms down, and the wall holds."""
+    """Return True if the stylus comes to rest at that wall, or nearly so, and the wall holds it."""
     trace = local(limits, hand, stiffness_n_m, damping_n_s_m, SECONDS)
     verdict = judge(trace, limits)
     if not verdict.settled:
@@ -52,7 +52,7 @@ def rendered(limits: TickLimits, hand: Hand, stiffness_n_m: float, damping_n_s_m
 
 
 def stiffest(limits: TickLimits, hand: Hand, damping_n_s_m: float) -> float:
-    """The stiffest wall before the first that is not rendered, N/m, within 2 %; 0: none is."""
+    """Return the stiffest wall before the first that is not rendered, N/m, within 2 %; 0: none."""
     good, bad = 0.0, LOWEST_N_M
     while bad <= HIGHEST_N_M and rendered(limits, hand, bad, damping_n_s_m):
         good, bad = bad, bad * FACTOR
@@ -68,23 +68,23 @@ def stiffest(limits: TickLimits, hand: Hand, damping_n_s_m: float) -> float:
 
 
 class Width(NamedTuple):
-    """The stiffest walls at one damping, N/m."""
+    """Stiffest walls at one damping, N/m."""
 
     damping_n_s_m: float
     passive_by_theory: float
-    """Colgate and Schenkel: without friction, without delay."""
+    """Limit by Colgate and Schenkel: without friction and delay."""
     stable_by_theory: float
-    """The rule of thumb with the delay of the sensing."""
+    """Limit by the rule of thumb, with the delay of sensing."""
     plain_frictionless: float
     off_frictionless: float
-    """Ours with its passivity controller off."""
+    """Our loop with its passivity controller off."""
     ours_frictionless: float
     plain: float
-    """With the device's friction; so the next."""
+    """Plain loop with the device's friction, as for the next two."""
     off: float
     ours: float
     plain_given_j: float
-    """Most energy that the stiffest plain wall gave, with friction; so the next."""
+    """Largest energy given at the stiffest plain wall, with friction, as for the next one."""
     off_given_j: float
 
 
@@ -116,7 +116,7 @@ def measure(dampings: tuple[float, ...] = DAMPINGS_N_S_M) -> list[Width]:
 
 
 def table(found: list[Width]) -> str:
-    """Markdown."""
+    """Return the Markdown table."""
     lines = [
         "| damping of the wall | passive by theory | stable by rule | plain, no friction "
         "| ours, controller off, no friction | ours, no friction | plain | ours, controller off "

@@ -11,10 +11,11 @@ from studies.motoros.published import Delays, mean
 from studies.motoros.recording import GRID_S, HOLD_S, PUSH_S, RAMP_S, Array, Recording
 
 LONGEST_S = 1.2
-"""No stage is later than this."""
+"""Upper limit for the delay of each stage."""
 BEFORE_S = 0.1
 LEAD_S = 0.06
-"""A goal may be ahead of the mouse: a stream's is where the joint shall be a spacing later."""
+"""Lead of a goal ahead of the mouse: the goal of a stream is the joint's position a spacing
+later."""
 Find = Callable[[float, Array, Array, float], float]
 
 
@@ -25,7 +26,7 @@ class PushDelays(NamedTuple):
     device_to_command_s: float
     goal_to_command_s: float
     correlated_total_s: float
-    """Device to measured by the correlation of velocities, for comparison."""
+    """Delay from device to measured joint by the correlation of velocities, for comparison."""
     stops: int
     stopped_s: float
 
@@ -39,31 +40,31 @@ class Result(NamedTuple):
 
     @property
     def delays(self) -> tuple[Delays, ...]:
-        """Of each phase."""
+        """Delays of each phase."""
         return tuple(phase.delays for phase in self.phases)
 
     @property
     def mean(self) -> Delays:
-        """Over the phases."""
+        """Mean delays over the phases."""
         return mean(self.delays)
 
     def average(self, name: str) -> float:
-        """The mean of one of Phase's figures."""
+        """Mean of one of a phase's figures."""
         return float(sum(getattr(phase, name) for phase in self.phases) / len(self.phases))
 
     @property
     def stops(self) -> int:
-        """In all phases together."""
+        """Number of stops in all phases."""
         return sum(phase.stops for phase in self.phases)
 
     @property
     def stopped_s(self) -> float:
-        """In all phases together."""
+        """Total time of the stops in all phases."""
         return sum(phase.stopped_s for phase in self.phases)
 
 
 def analyze(recording: Recording) -> Result:
-    """Every phase of `recording`. ValueError when the joint did not follow a push."""
+    """Analyze every phase of `recording`. Raises ValueError if the joint did not follow a push."""
     try:
         phases = tuple(_phase(recording, start_s) for start_s in recording.pushes)
     except ValueError as error:
@@ -80,7 +81,7 @@ def _phase(recording: Recording, start_s: float) -> PushDelays:
     early = slice(first - lead, last - lead)
 
     def late(one: Array, two: Array, find: Find = delay_by_least_error) -> float:
-        """The shift that fits best is that of the shape: gain and curve of the mouse are none."""
+        """Return the shift with the best fit of the shape, without gain and curve of the mouse."""
         a, b = _normalized(one[window])[:, None], _normalized(two[early])[:, None]
         return find(GRID_S, a, b, LONGEST_S + LEAD_S) - LEAD_S
 
@@ -112,6 +113,7 @@ def _normalized(signal: Array) -> Array:
 
 
 def _delayed(signal: Array, window: slice, delay_s: float) -> Array:
-    """`signal` in `window`, moved back by its delay, so that its own start is no stop."""
+    """Return `signal` in `window`, moved back by its delay, so that its own start does not count as
+    a stop."""
     shift = round(delay_s / GRID_S)
     return signal[window.start + shift : window.stop + shift]

@@ -1,4 +1,4 @@
-"""The equivalents of figures 2, 7 and 8 of Baklouti et al. 2021. Needs matplotlib."""
+"""Equivalents of figures 2, 7 and 8 of Baklouti et al. 2021. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STAGES = ("device to goal", "goal to measured", "total")
 
 
 def draw(found: list[tuple[Recording, Result]]) -> Iterator[Drawn]:
-    """All pictures of what was run on the paper's plant."""
+    """Draw the runs on the paper's plant."""
     runs = {r.mode: (r, result) for r, result in found if r.plant == "paper"}
     for mode in ("standard", "velocity"):
         if mode in runs:
@@ -29,7 +29,7 @@ def draw(found: list[tuple[Recording, Result]]) -> Iterator[Drawn]:
 
 
 def _motion(recording: Recording) -> Any:
-    """Displacement of the first axis, whole and with two phases zoomed (figures 2 and 7)."""
+    """Draw the displacement of the first axis, with two phases zoomed (figures 2 and 7)."""
     shown = range(len(recording.pushes))[-2:]
     ratios = (1.7, *(1.0 for _ in shown))
     size = (3.0 * sum(ratios), 3.4)
@@ -64,7 +64,7 @@ def _motion(recording: Recording) -> Any:
 
 
 def _averages(results: dict[str, Result]) -> Any:
-    """Average delays of each stage (figure 8), the paper's and ours."""
+    """Draw the average delays of each stage (figure 8), the paper's and ours."""
     figure, axes = plt.subplots(figsize=(8.0, 3.4), layout="constrained")
     bars: list[tuple[str, Delays, str]] = [
         ("paper, standard", STANDARD_MEAN, "0.75"),

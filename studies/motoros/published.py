@@ -9,11 +9,11 @@ WORDS = {
     "stream": "endless trajectory",
     "velocity": "velocity mode",
 }
-"""Names of the motion that each mode sends."""
+"""Names of the motions that each mode sends."""
 
 
 class Delays(NamedTuple):
-    """Of one phase, s."""
+    """Delays of one phase, s."""
 
     device_to_goal: float
     goal_to_measured: float
@@ -42,9 +42,9 @@ VELOCITY = (
 
 STANDARD_MEAN = Delays(0.232, 0.548, 0.780)
 VELOCITY_MEAN = Delays(0.136, 0.309, 0.445)
-"""As printed there."""
+"""Means as printed in the paper."""
 
 
 def mean(phases: tuple[Delays, ...]) -> Delays:
-    """Stage by stage."""
+    """Return the means, stage by stage."""
     return Delays(*(sum(column) / len(phases) for column in zip(*phases, strict=True)))

@@ -1,9 +1,9 @@
 """A session that drives a simulated GP8's first axis from a simulated SpaceMouse, recorded.
 
-Mouse and controller are processes of their own, over a Unix socket and over TCP; the session is
-the one of ``cardan run``. The mouse's reports are recorded where they arrive on its socket, the
-goal where the session hands it to the driver, the command and the joint in each interpolation
-period by the controller. All clocks are this machine's monotonic one.
+Mouse and controller are separate processes, connected by a Unix socket and by TCP; the session is a
+``cardan run``. The mouse's reports are recorded on its socket, the goal when the session passes it
+to the driver, the command and the joint in each interpolation period by the controller. All times
+are of this machine's monotonic clock.
 """
 
 from __future__ import annotations
@@ -35,15 +35,16 @@ MODES = ("standard", "stream", "velocity")
 TWO_POINT = "studies.motoros.two_point:TwoPointMotoros"
 PLANTS = ("paper", "ideal")
 LAGS_S = {"standard": 1.2, "stream": 0.4, "velocity": 0.4}
-"""Largest normal lag of each mode."""
+"""Largest normal lag in each mode."""
 
 MODEL = "spacemouse-pro"
 DEFLECTION = 0.8
-"""Of the puck in a push."""
+"""Deflection of the puck in a push."""
 JOINT = "joint_1_s"
 JOINT_SPEED_RAD_S = 0.4
 FIRST_PUSH_S = 5.0
-"""Drives and job take a second and a half from when the session begins."""
+"""Time of the first push; enabling the drives and starting the job take 1.5 s from the session's
+start."""
 RAMP_S, HOLD_S, REST_S = 0.15, 1.6, 1.9
 PUSH_S = 2.0 * RAMP_S + HOLD_S + REST_S
 TAIL_S = 0.5
@@ -52,7 +53,7 @@ LARGEST_REPORT = 64
 
 
 def hand_script(pushes: int) -> str:
-    """Touch, let go, grip, then push forward and backward in turn."""
+    """Return a script: touch, release, grip, then push forward and backward in turn."""
     lines = ["1.0 axes 0.3 0 0 0 0 0", "1.2 neutral", f"{FIRST_PUSH_S - 0.8} press ctrl"]
     for push in range(pushes):
         start_s = FIRST_PUSH_S + push * PUSH_S
@@ -63,7 +64,7 @@ def hand_script(pushes: int) -> str:
 
 
 class Recording(NamedTuple):
-    """A run, resampled to one grid of times, GRID_S apart; joint 1 in rad."""
+    """A run, resampled at GRID_S; joint 1 in rad."""
 
     mode: str
     plant: str
@@ -71,23 +72,23 @@ class Recording(NamedTuple):
     device: Array
     """Motion requested by the mouse so far: its integrated deflection times the joint's speed."""
     goal: Array
-    """Goal that the session gave the driver."""
+    """Goal given to the driver by the session."""
     command: Array
     """Position that the controller commanded its drives."""
     measured: Array
     """Position of the joint."""
     pushes: Array
-    """Beginning of each push as it arrived from the mouse, s."""
+    """Start of each push as received from the mouse, s."""
     snapshot: Snapshot
-    """The session's last."""
+    """Last snapshot of the session."""
 
 
 class _Tap:
-    """Records the reports of a simulated mouse as one more of its clients."""
+    """Records the reports of a simulated mouse as another of its clients."""
 
     def __init__(self, path: Path) -> None:
         self.reports: list[tuple[float, float]] = []
-        """Time of arrival and deflection along x, -1..1."""
+        """Arrival times, and deflections along x, -1..1."""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.connect(str(path))
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -99,7 +100,7 @@ class _Tap:
                 now_s = time.monotonic()
                 found = decode_input(report)
                 if isinstance(found, (MotionReport, Translation)):
-                    # Counts towards the operator; 350 is full deflection.
+                    # Counts are positive towards the operator; 350 is full deflection.
                     self.reports.append((now_s, -found.y / 350.0))
 
     def close(self) -> None:
@@ -113,7 +114,7 @@ class _Tap:
 def peers(
     directory: Path, script: str, *controller: str, velocity_mode: bool = True
 ) -> Iterator[tuple[Path, int, Path]]:
-    """A mouse and a controller; gives the mouse's socket, the motion port and the log."""
+    """Run a mouse and a controller; yield the mouse's socket, the motion port and the log."""
     mouse, log = directory / "mouse.sock", directory / "controller.csv"
     hand = directory / "hand.txt"
     hand.write_text(script)
@@ -131,7 +132,7 @@ def peers(
 
 
 def session_tables(mouse: Path, port: int, mode: str, **robot: Any) -> dict[str, Any]:
-    """A configuration in which the mouse's x axis drives the first joint."""
+    """Return a configuration in which the mouse's x axis drives the first joint."""
     return {
         "device": {"driver": "spacemouse", "transport": "socket", "path": str(mouse)},
         "robot": {
@@ -150,15 +151,15 @@ def session_tables(mouse: Path, port: int, mode: str, **robot: Any) -> dict[str,
             "joints": {"x": JOINT},
             "joint_speed_rad_s": JOINT_SPEED_RAD_S,
         },
-        # The first joint swings the TCP 0.7 m from its axis; the standard mode is far behind.
+        # The first joint moves the TCP on a radius of 0.7 m; the standard mode lags far behind.
         "limits": {"max_lead_m": 0.3, "max_lead_rad": 0.6, "linear_speed_m_s": 0.5},
         "watchdogs": {"following_error_m": 0.4, "following_error_rad": 0.8},
     }
 
 
 def record(mode: str, plant: str, pushes: int = 6) -> Recording:
-    """Run one session and bring everything onto one grid of times. ValueError: on a machine that
-    was too busy not all of it ran."""
+    """Run one session and resample everything at GRID_S. Raises ValueError if a busy machine did
+    not run all of it."""
     goals: list[tuple[float, float]] = []
     with tempfile.TemporaryDirectory(prefix="cardan-") as name:
         directory = Path(name)
@@ -181,14 +182,14 @@ def record(mode: str, plant: str, pushes: int = 6) -> Recording:
 
 
 def session_in(mode: str, tables: dict[str, Any]) -> Session:
-    """A session whose driver moves the robot by trajectories of two points in the mode "standard",
-    which no driver of Cardan has."""
+    """Return a session whose driver moves the robot by two-point trajectories in the mode
+    "standard", which no driver of Cardan offers."""
     with patch.dict(registry.BUILT_IN, {"motoros": TWO_POINT} if mode == "standard" else {}):
         return make_session(parse_config(tables))
 
 
 def watch_goals(session: Session, goals: list[tuple[float, float]]) -> None:
-    """Note when which goal of joint 1 is handed to the driver."""
+    """Record the goals of joint 1 with their times."""
     send = session.robot.send
 
     def noted(command: Any) -> None:
@@ -200,7 +201,7 @@ def watch_goals(session: Session, goals: list[tuple[float, float]]) -> None:
 
 
 def read_log(path: Path) -> dict[str, Array]:
-    """The controller's log by column; text columns are left out."""
+    """Return the controller's log by column, without text columns."""
     with path.open(newline="") as file:
         rows = list(csv.reader(file))
     names, values = rows[0], rows[1:]

@@ -1,4 +1,4 @@
-"""The latency study of 2021 (Yaskawa GP8, MotoROS): what is measured, tables and figures."""
+"""The latency study of 2021 (Yaskawa GP8, MotoROS): method, tables and figures."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ from studies.side_by_side import side_by_side
 PUSHES = 6
 TRIES = 3
 QUICK = (("standard", "paper"), ("velocity", "paper"))
-"""Modes and plants of --quick: the two that the paper has."""
+"""Modes and plants of --quick: the two in the paper."""
 
 SPREAD_S = 0.010
-"""Least spread of a delay: the cycles of the session and of the controller meet as they happen."""
+"""Minimum spread of a delay: the phase between the session's and the controller's cycles is
+random."""
 
 STAGES = ("device to goal", "goal to measured", "total")
 PUBLISHED = {
@@ -41,12 +42,12 @@ HOW = (
 
 
 def measure(runs: Sequence[tuple[str, str]], pushes: int = PUSHES) -> list[tuple[Recording, Run]]:
-    """Each mode on its plant, one after the other. RuntimeError: the joint did not move."""
+    """Record each mode on its plant in sequence. Raises RuntimeError if the joint did not move."""
     return [recorded(mode, plant, pushes) for mode, plant in runs]
 
 
 def recorded(mode: str, plant: str, pushes: int) -> tuple[Recording, Run]:
-    """Record a run; again if a busy machine was not ready when the device pushed."""
+    """Record a run; repeat if a busy machine was not ready when the device pushed."""
     for left in reversed(range(TRIES)):
         try:
             recording = record(mode, plant, pushes)
@@ -62,7 +63,7 @@ EVERY = tuple((mode, plant) for plant in PLANTS for mode in MODES)
 
 
 def run(quick: bool) -> Result:
-    """Measure."""
+    """Run the study."""
     if quick:
         calls = [(mode, plant, 1) for mode, plant in QUICK]
         found = side_by_side(recorded, calls, len(calls))
@@ -90,7 +91,7 @@ def run(quick: bool) -> Result:
 
 
 def tables(runs: list[Run]) -> tuple[Table, ...]:
-    """The paper's two beside ours, and all runs."""
+    """Return the table of the paper's two modes and ours, and that of all runs."""
     beside = (
         _beside(*PUBLISHED[one.mode], one)
         for one in runs
@@ -151,7 +152,7 @@ _NOTE = (
 
 
 def figures(runs: list[Run]) -> tuple[Figure, ...]:
-    """Figures by which reports are compared."""
+    """Return the figures by which reports are compared."""
     made = []
     for one in runs:
         name, once = f"{WORDS[one.mode]}, {one.plant} plant", len(one.phases) == 1

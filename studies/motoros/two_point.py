@@ -1,6 +1,6 @@
 """Stock MotoROS as its usual driver uses it: a trajectory for each goal, at rest at both ends.
 
-It serves for comparison; every goal waits until the robot rests (motoman issue 386). A sent
+For comparison only: every goal waits until the robot rests (motoman issue 386), and a sent
 trajectory is played to its end, whatever the operator does meanwhile.
 """
 
@@ -23,14 +23,15 @@ from cardan.protocols.simple_message.messages import JointTrajPtFull, MotionRepl
 from cardan.types import RobotCapabilities, RobotCommand
 
 ARRIVED_RAD = 0.01
-"""Distance from its end at which a trajectory counts as done (motoman_driver's goal tolerance)."""
+"""Distance to the goal at which a trajectory counts as done (motoman_driver's goal tolerance)."""
 SAME_GOAL_RAD = 1e-5
-"""A goal as near as this is the one that was reached; a pulse is a few times more."""
+"""Tolerance within which a goal equals the one already reached; a pulse is a few times larger."""
 LONGEST_STEP_S = 0.1
 
 
 def two_point_time_s(start: list[float], goal: list[float], guide: JointTrajectoryLimiter) -> float:
-    """The shortest time of a cubic from rest to rest inside speed and acceleration limits, s.
+    """Return the shortest time of a cubic from rest to rest within speed and acceleration limits,
+    s.
 
     Its fastest speed is 3/2 of the mean and its largest acceleration 6 Δ/T².
     """
@@ -45,19 +46,19 @@ def two_point_time_s(start: list[float], goal: list[float], guide: JointTrajecto
 
 class _Phase(enum.Enum):
     RESTING = enum.auto()
-    """Until the robot rests for the first time."""
+    """Waiting until the robot rests for the first time."""
     IDLE = enum.auto()
     CHECKING = enum.auto()
-    """Asked whether motion is ready."""
+    """Waiting for the answer whether motion is ready."""
     STARTING = enum.auto()
-    """Point 0 is sent."""
+    """Waiting for the answer to point 0."""
     SENDING = enum.auto()
-    """Point 1 is sent."""
+    """Waiting for the answer to point 1."""
     MOVING = enum.auto()
 
 
 class TwoPointMoves(Trajectory):
-    """The newest goal is kept and moved to when the motion before it has ended.
+    """Motion to the newest goal, started when the previous motion has ended.
 
     Control instants come with the controller's states, every 25 ms.
     """
@@ -115,7 +116,7 @@ class TwoPointMoves(Trajectory):
             return 0.0
         period_s = now_s - self._instant_s
         self._instant_s = now_s
-        # States come in pairs after a delay; a time of zero would not be a step.
+        # States arrive in pairs after a delay; a step must not take zero time.
         self._period_s = min(max(period_s, 1e-3), LONGEST_STEP_S)
         return self._period_s
 
@@ -151,7 +152,7 @@ class TwoPointMoves(Trajectory):
             self._send(self._point(1, self._time_ms, self._goal), now_s, "point")
             return
         self._end = self._goal
-        # Before that the queue may look empty because the point is still being converted.
+        # Until then the queue may look empty because the point is still being converted.
         self._rest_since_s = now_s + 1e-3 * self._time_ms
         self._phase = _Phase.MOVING
 
@@ -161,13 +162,13 @@ class TwoPointMoves(Trajectory):
 
 
 class TwoPointControl(MotionControl):
-    """Motion by trajectories of two points."""
+    """Motion by two-point trajectories."""
 
     by_points: ClassVar[type[Trajectory]] = TwoPointMoves
 
 
 class TwoPointSession(MotorosSession):
-    """The driver's session with such motion, where the controller has no velocity mode."""
+    """Session of the driver with such motion, for a controller without the velocity mode."""
 
     kind_of_control: ClassVar[type[MotionControl]] = TwoPointControl
 
@@ -178,7 +179,7 @@ class TwoPointSession(MotorosSession):
 
 
 class TwoPointMotoros(Motoros):
-    """The driver with that session, for `mode = "stream"`."""
+    """Driver with that session, for `mode = "stream"`."""
 
     def _make_session(self) -> MotorosSession:
         return TwoPointSession(self.options)

@@ -3,7 +3,8 @@ import pytest
 
 @pytest.fixture(scope="session")
 def short_thesis():
-    """All of the thesis, as short as can be and on ideal drives alone: they stand for both."""
+    """All of the thesis, as short as possible and on ideal drives only; both drives get these
+    results."""
     from studies.thesis import arbitrary, collision, eight, faults, line, study
 
     straight = line.measure("ideal", 0.03, 1)

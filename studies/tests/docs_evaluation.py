@@ -1,7 +1,7 @@
-"""Write a report into docs/evaluation.md: ``python -m studies.tests.docs_evaluation FOLDER``.
+"""Copy a report into docs/evaluation.md: ``python -m studies.tests.docs_evaluation FOLDER``.
 
-Its tables stand between the page's markers, its pictures are in docs/images/evaluation. Needs
-Pillow, which comes with matplotlib.
+Its tables go between the page's markers, its pictures into docs/images/evaluation. Needs Pillow,
+which comes with matplotlib.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ PICTURES = (
     "cartesian-delays",
     "haptics-pair",
 )
-"""Of those of a report, made smaller."""
+"""Pictures that the page shows, in reduced size."""
 
 
 def parts(report: Report) -> dict[str, str]:
-    """By name: what stands between the page's markers."""
+    """Return the text between the page's markers, by name."""
     return {"evaluation overview": _overview(report), "evaluation figures": _figures(report)}
 
 
@@ -64,7 +64,7 @@ def _table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 
 def show(folder: Path) -> None:
-    """Put what the page shows of that report into it."""
+    """Put the page's parts of the report into it."""
     from PIL import Image
 
     report = read(folder)

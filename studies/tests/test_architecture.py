@@ -1,4 +1,4 @@
-"""The studies stand on the package: what they import, and what they need to be imported."""
+"""Dependencies of the studies: their imports of the package, and their requirements at import."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_make_installs_the_command():
 
 
 def test_it_is_installed_from_its_folder_alone(tmp_path):
-    """By `pip install ./studies`, without the source tree around it, and without its tests."""
+    """Install with `pip install ./studies`, without the source tree and the tests."""
     pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
     install = ("install", "--no-deps", "--no-build-isolation", "--target", tmp_path, STUDIES)
     subprocess.run([*pip, *install], check=True, timeout=55)

@@ -1,4 +1,4 @@
-"""``cardan evaluate`` as its users meet it."""
+"""``cardan evaluate`` from the user's side."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ pytestmark = pytest.mark.matrix
 
 
 def cardan(*words, monkeypatch):
-    """Its exit code."""
+    """Run the command; return its exit code."""
     monkeypatch.setattr(sys, "argv", ["cardan", *map(str, words)])
     return cli._run()
 
 
 @pytest.fixture
 def evaluated(short_thesis, monkeypatch, tmp_path):
-    """Runs the thesis, which is short, into a folder."""
+    """Run the thesis, which is short, into a folder."""
     asked = []
     monkeypatch.setattr(study, "measure", lambda quick: asked.append(quick) or short_thesis)
 

@@ -1,4 +1,4 @@
-"""The measures of the benchmarks, against signals whose delay is known."""
+"""Metrics against signals with a known delay."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The latency study: its arithmetic on made-up motion, and its outcome in virtual time."""
+"""The latency study: its arithmetic on synthetic motion, and its result in virtual time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SPEED = 0.3
 
 
 def swung(times_s, pushes=2):
-    """Joint 1 of a hand that pushes forward and backward in turn, rad."""
+    """Joint 1 driven by alternating forward and backward pushes, rad."""
     position = np.zeros_like(times_s)
     for push in range(pushes):
         sign = 1.0 if push % 2 == 0 else -1.0
@@ -83,13 +83,13 @@ def test_the_published_averages_are_those_of_the_published_phases():
 
 
 class TwoPointBench(SessionBench):
-    """The bench with trajectories of two points."""
+    """Bench for two-point trajectories."""
 
     kind_of_session = TwoPointSession
 
 
 def in_virtual_time(mode, plant):
-    """The driver and the controller joined by their bytes; the goal is the hand's own path."""
+    """Driver and controller connected by their bytes; the goal is the path of the device."""
     goals = []
     begin_s = 0.0
 

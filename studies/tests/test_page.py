@@ -1,4 +1,4 @@
-"""docs/evaluation.md has a place for what is measured, and shows every picture that is there."""
+"""docs/evaluation.md has a part for each measured table, and shows every picture of its folder."""
 
 from __future__ import annotations
 

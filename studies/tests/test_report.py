@@ -1,4 +1,4 @@
-"""Reports: what is written, what is read back, what is missing, and two compared."""
+"""Reports: written, read back, incomplete, and compared."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TABLE = Table(
 
 
 class Fake(Study):
-    """A study that gives or raises what it is made with."""
+    """A study that returns or raises the given value."""
 
     def run(self, quick):
         if isinstance(self.module, Exception):

@@ -1,4 +1,4 @@
-"""Each study's tables and figures, of what is known: virtual time, or made-up recordings."""
+"""Tables and figures of each study from known results: virtual time, or synthetic recordings."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ pytestmark = pytest.mark.matrix
 
 def by_name(figures):
     found = {figure.name: figure for figure in figures}
-    assert len(found) == len(figures), "a name is there twice"
+    assert len(found) == len(figures), "duplicate name"
     return found
 
 
 def cells(table):
-    """By the first cell of each row."""
+    """Cells of a table by the first cell of each row."""
     assert {len(row) for row in table.rows} == {len(table.columns)}
     return {row[0]: row[1:] for row in table.rows}
 

@@ -1,4 +1,4 @@
-"""The reproductions of the thesis at reduced length: finite figures, nothing touched."""
+"""The thesis's studies at reduced length: finite figures, no contact."""
 
 import numpy as np
 import pytest

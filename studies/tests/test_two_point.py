@@ -1,4 +1,4 @@
-"""The trajectories of two points: against scripted replies, and in the driver's session."""
+"""Two-point trajectories: against scripted replies, and in the driver's session."""
 
 import functools
 
@@ -34,7 +34,7 @@ def test_every_goal_is_one_trajectory_from_rest_to_rest():
     assert (first.sequence, second.sequence) == (0, 1)
     assert first.vel == second.vel == joints10(())
     assert first.pos[:6] == pytest.approx(HOME, abs=1e-6)
-    # While it moves nothing new is begun, however many goals come.
+    # During a motion no other one is begun, however many goals arrive.
     for _ in range(10):
         bench.now_s += 0.025
         bench.publish(in_motion=1)

@@ -1,4 +1,4 @@
-"""Arbitrary movements on the PR2's right arm: seven joints, two of them without ends."""
+"""Arbitrary movements of the PR2's right arm: seven joints, two of them continuous."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ WANDER_S = 40.0
 LONGEST_S = 1.0
 SEED = 2
 START_DEG = (-35.0, 20.0, -60.0, -95.0, 178.0, -50.0, 178.0)
-"""Both endless joints beside the half turn, so that the way leads over it again and again."""
+"""Start with both continuous joints near the half turn, so that the motion crosses it
+repeatedly."""
 REACH_M = 0.07
 REACH_RAD = 0.5
 TAIL_S = 1.0
@@ -54,24 +55,24 @@ class Turning(NamedTuple):
     """More than ten turns of the wrist about its own axis."""
 
     asked: float
-    """Turns, without a sign."""
+    """Commanded number of turns, without sign."""
     turns: float
-    """Of the TCP, as measured."""
+    """Measured number of turns of the TCP."""
     refusals: int
     refusal: str
-    """The first."""
+    """Reason of the first refusal."""
     stops: int
     largest_step_rad_s: float
-    """Fastest any joint went."""
+    """Largest speed of any joint."""
     delay_s: float
-    """By least error of the angle."""
+    """Delay by least error of the angle."""
     trace: Trace
     angle_rad: Array
-    """Commanded by the program."""
+    """Angle commanded by the program."""
 
 
 def turning(drive: Drive, sign: float, shaped: bool, turns: float = TURNS) -> Turning:
-    """Absolute poses at 50 Hz that turn the TCP about its x axis, at 3 rad/s."""
+    """Stream absolute poses at 50 Hz that turn the TCP about its x axis, at 3 rad/s."""
     bench = Bench(ROBOT, drive, counterbalanced=True)
     driving = _driving(bench, shaped)
     start = bench.placement(driving)
@@ -114,24 +115,24 @@ def turning(drive: Drive, sign: float, shaped: bool, turns: float = TURNS) -> Tu
 
 
 class Wander(NamedTuple):
-    """Free motion along three axes, with turning."""
+    """Free motion along three axes, with rotation."""
 
     trace: Trace
     wanted_m: Array
     delays_s: Array
     sent_s: Array
-    """Of the commands that have a delay."""
+    """Times of the commands that have a delay."""
     correlation_s: float
     least_error_s: float
     refusals: int
     stops: int
     crossings: tuple[int, int]
-    """Number of crossings of an odd multiple of pi by forearm and wrist roll."""
+    """Number of times that forearm and wrist roll cross an odd multiple of pi."""
     path_m: float
 
 
 def _wandering(times_s: Array) -> tuple[Array, Array]:
-    """Position and rotation vector against the start: sums of slow sines, from rest."""
+    """Position and rotation vector relative to the start: sums of slow sines that begin at rest."""
     generator = np.random.default_rng(SEED)
     rates = generator.uniform(0.5, 1.7, (6, 3))
     phases = generator.uniform(0.0, 2.0 * np.pi, (6, 3))
@@ -143,7 +144,7 @@ def _wandering(times_s: Array) -> tuple[Array, Array]:
 
 
 def wander(drive: Drive, shaped: bool, seconds: float = WANDER_S) -> Wander:
-    """Absolute poses at 50 Hz on a smooth random path."""
+    """Stream absolute poses at 50 Hz on a smooth random path."""
     bench = Bench(ROBOT, drive, np.radians(START_DEG), counterbalanced=True)
     driving = _driving(bench, shaped)
     start = bench.placement(driving)
@@ -179,7 +180,7 @@ def wander(drive: Drive, shaped: bool, seconds: float = WANDER_S) -> Wander:
 
 
 class Result(NamedTuple):
-    """Of one drive and one way of driving."""
+    """Result for one drive and one way of driving."""
 
     wander: Wander
     left: Turning
@@ -187,7 +188,8 @@ class Result(NamedTuple):
 
 
 def measure(drive: Drive, shaped: bool, turns: float = TURNS, seconds: float = WANDER_S) -> Result:
-    """All movements on one drive; `shaped`: by shaper and servo, else by the Cartesian device."""
+    """Run all movements on one drive; `shaped`: by shaper and servo, else by the Cartesian
+    controller's streams."""
     return Result(
         wander(drive, shaped, seconds),
         turning(drive, 1.0, shaped, turns),
@@ -196,7 +198,7 @@ def measure(drive: Drive, shaped: bool, turns: float = TURNS, seconds: float = W
 
 
 def rows(name: str, ideal: Result, dynamic: Result) -> list[Row]:
-    """The table of one way of driving."""
+    """Return the table for one way of driving."""
     one, two = ideal.wander, dynamic.wander
     found = [
         Row(

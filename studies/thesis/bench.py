@@ -1,8 +1,8 @@
 """An arm in virtual time for the reproductions: a simulated robot, its driver, a record.
 
-The robot is the driver of the simulated arm, so commands go through its protocol and act one cycle
-after the state they answer. Drive "ideal" has no dynamics; "dynamic" is the rigid-body plant with
-its position servo, friction and sag.
+The robot is the driver of the simulated arm: commands pass through its protocol and act one cycle
+after the state that they answer. Drive "ideal" has no dynamics; "dynamic" is the rigid-body plant
+with its position servo, friction and sag.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ DRIVES: tuple[Drive, ...] = ("ideal", "dynamic")
 
 DT_S = 0.002
 SETTLE_S = 0.6
-"""Before a record begins, so that the dynamic arm hangs where it will hang."""
+"""Settling time before the record begins, for the sag of the dynamic arm."""
 
 
 JERK_M_S3 = 1000.0
@@ -49,11 +49,11 @@ STIFF = ControllerOptions(
         angular_jerk_rad_s3=6000.0,
     )
 )
-"""Streams as fast as these arms can be; the package's defaults are for people beside them."""
+"""Stream limits near the arms' own; the package's defaults are for arms with people nearby."""
 
 
 class Row(NamedTuple):
-    """A line of a table."""
+    """A row of a table."""
 
     what: str
     published: str
@@ -61,37 +61,37 @@ class Row(NamedTuple):
     dynamic: str
     aim: str = ""
     met: bool | None = None
-    """On the ideal drive; None where there is no aim."""
+    """Result of the ideal drive; None without an aim."""
 
 
 class Trace(NamedTuple):
     """Record of a run, a row for each cycle; positions in the base frame."""
 
     times_s: Array
-    """Since the record began."""
+    """Time since the start of the record."""
     measured_m: Array
-    """TCP by the measured joints."""
+    """TCP position from the measured joints."""
     rotations: Array
-    """Of the measured TCP, 3×3 each."""
+    """Orientation of the measured TCP, 3×3 each."""
     commanded_m: Array
-    """TCP that was told in the cycle."""
+    """TCP position commanded in the cycle."""
     joints: Array
-    """Measured."""
+    """Measured joint positions."""
     obstacle_m: Array
-    """Smallest distance of the measured arm to an obstacle; infinite without any."""
+    """Smallest distance of the measured arm from an obstacle; infinite without any."""
     own_m: Array
     """Smallest distance between bodies of the measured arm."""
     path_speed: Array
 
     @property
     def speed_m_s(self) -> Array:
-        """Of the measured TCP."""
+        """Speed of the measured TCP."""
         found: Array = np.linalg.norm(np.gradient(self.measured_m, DT_S, axis=0), axis=1)
         return found
 
 
 class Streams:
-    """Drives the arm by the streams of the Cartesian controller."""
+    """Drives the arm by streams of the Cartesian controller."""
 
     def __init__(
         self,
@@ -102,38 +102,38 @@ class Streams:
         stream: str,
         timeout_s: float = 0.1,
     ) -> None:
-        """`stream` is a code: pose or twst; `timeout_s` the stream's."""
+        """`stream`: code of the type, pose or twst; `timeout_s`: timeout of the stream."""
         model = load_arm(robot)
         self.verbs = ArmVerbs.alone(model, driver.capabilities, options, obstacles=obstacles)
         self.servo = self.verbs.servo
         self._stream, self._timeout_s = stream, timeout_s
         self.refusals: list[str] = []
-        """Answers of the stream that were not empty."""
+        """Reasons of refused stream commands."""
 
     def begin(self) -> None:
-        """Choose the stream; after the first tick."""
+        """Select the stream type; call it after the first tick."""
         self.verbs.set_parameters({"cpsc": self._stream, "cpst": self._timeout_s})
 
     def pose(self, position: Array, rotation: Array, **how: float) -> str:
-        """Stream a pose (m; rotation matrix). Answers why not."""
+        """Stream a pose (m; rotation matrix). Returns the reason of a refusal, or an empty text."""
         answer = self.verbs.stream("pose", pose_of(position, rotation), **how)  # type: ignore[arg-type]
         if answer:
             self.refusals.append(answer)
         return answer
 
     def twist(self, linear: Sequence[float]) -> None:
-        """Stream a twist without turning, m/s in the base."""
+        """Stream a twist without rotation, m/s in the base frame."""
         answer = self.verbs.stream("twist", (*linear, 0.0, 0.0, 0.0))
         if answer:
             self.refusals.append(answer)
 
     def tick(self, state: RobotState) -> RobotCommand:
-        """Of the controller."""
+        """Run the controller's tick."""
         return self.verbs.controller.tick(state)
 
 
 class Shaped:
-    """Drives the arm by absolute poses through the jerk-limited shaper, straight to the servo."""
+    """Drives the arm by absolute poses through the jerk-limited shaper and the servo."""
 
     def __init__(
         self, robot: str, obstacles: Iterable[Obstacle], limits: PoseShaperLimits, damping: float
@@ -146,13 +146,13 @@ class Shaped:
         self._home = np.array(kinematics.arm.home)
         self.target: Pose | None = None
         self.refusals: list[str] = []
-        """Stays empty: nothing is refused."""
+        """Always empty: this interface refuses nothing."""
 
     def begin(self) -> None:
-        """Nothing is to be chosen."""
+        """Do nothing: there is no stream type to select."""
 
     def pose(self, position: Array, rotation: Array) -> None:
-        """Go there from now on."""
+        """Move to this pose from now on."""
         self.target = to_pose(pin.SE3(rotation, position))
 
     def tick(self, state: RobotState) -> RobotCommand:
@@ -165,7 +165,7 @@ class Shaped:
         goal = shaper.pose
         if self.target is not None:
             shaper.advance(self.target, state.period_s)
-        # An endless joint has no posture to come back to.
+        # A continuous joint has no posture to return to.
         servo.posture = np.where(servo.kinematics.continuous, servo.q, self._home)
         twist = shaper.twist.linear, shaper.twist.angular
         servo.tick(goal, twist, state.period_s)
@@ -174,7 +174,8 @@ class Shaped:
 
 @dataclass(frozen=True)
 class _Counterbalanced(SimArmOptions):
-    """An arm whose springs carry its weight, as the PR2's do: its drives could not."""
+    """An arm with gravity compensation by springs, like the PR2's: its drives could not carry its
+    weight."""
 
     @property
     def arm_options(self) -> SimulatedArmOptions:
@@ -183,7 +184,7 @@ class _Counterbalanced(SimArmOptions):
 
 
 class Session:
-    """Drives the arm by twists as a session does: reference, servo, sliding along obstacles."""
+    """Drives the arm by twists like a session: reference, servo, sliding along obstacles."""
 
     def __init__(self, robot: str, obstacles: Iterable[Obstacle], limits: ReferenceLimits) -> None:
         kinematics = ArmKinematics(load_arm(robot))
@@ -195,7 +196,7 @@ class Session:
         self._placed = False
 
     def begin(self) -> None:
-        """Nothing is to be chosen."""
+        """Do nothing: there is no stream type to select."""
 
     def tick(self, state: RobotState) -> RobotCommand:
         """Compute the command of one control instant."""
@@ -213,7 +214,7 @@ Driving = Streams | Shaped | Session
 
 
 class Bench:
-    """A robot with its record."""
+    """A simulated robot with a record of its motion."""
 
     def __init__(
         self,
@@ -223,7 +224,7 @@ class Bench:
         obstacles: Sequence[Obstacle] = (),
         counterbalanced: bool = False,
     ) -> None:
-        """`start`: joints, rad; empty: the arm's home."""
+        """`start`: joints, rad; empty: home position."""
         self.robot, self.obstacles = robot, tuple(obstacles)
         options = _Counterbalanced if counterbalanced else SimArmOptions
         self.driver = SimArm(
@@ -240,20 +241,20 @@ class Bench:
     def streams(
         self, stream: str, options: ControllerOptions | None = None, timeout_s: float = 0.1
     ) -> Streams:
-        """The Cartesian controller, engaged and settled, on its stream."""
+        """Return the Cartesian controller, engaged and settled, with its stream selected."""
         options = options or STIFF
         made = Streams(self.robot, self.driver, self.obstacles, options, stream, timeout_s)
         self._engage(made)
         return made
 
     def session(self, limits: ReferenceLimits) -> Session:
-        """A session's control tick, engaged and settled."""
+        """Return a session's control tick, engaged and settled."""
         made = Session(self.robot, self.obstacles, limits)
         self._engage(made)
         return made
 
     def shaped(self, limits: PoseShaperLimits, damping: float = 1.0) -> Shaped:
-        """Shaper and servo alone, engaged and settled."""
+        """Return shaper and servo, engaged and settled."""
         made = Shaped(self.robot, self.obstacles, limits, damping)
         self._engage(made)
         return made
@@ -269,7 +270,8 @@ class Bench:
         return driving.servo.placement
 
     def run(self, driving: Driving, seconds: float, operator: Callable[[float], None]) -> Trace:
-        """Go on for `seconds`. `operator` acts before each tick, with the time since now."""
+        """Run for `seconds`; return the record. `operator` acts before each tick, with the time
+        since the start."""
         count = round(seconds / DT_S)
         n = self._kinematics.joints
         times: Array = np.arange(count, dtype=np.float64)
@@ -296,19 +298,19 @@ class Bench:
 
 
 def pose_of(position: Array, rotation: Array) -> tuple[float, ...]:
-    """The six numbers of a pose: m and rotation vector, rad."""
+    """Return a pose as six numbers: m and rotation vector, rad."""
     return (*(float(c) for c in position), *pin.log3(rotation).tolist())
 
 
 class Metronome:
-    """Says when a sender with a fixed rate is due."""
+    """Schedule of a sender with a fixed rate."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s = 1.0 / rate_hz
         self._next = 0
 
     def due(self, now_s: float) -> float | None:
-        """The nominal time of the command that is due, s; None between two."""
+        """Return the nominal time of the command that is due, s; None: none is due."""
         if now_s < self._next * self._period_s - 1e-9:
             return None
         due_s = self._next * self._period_s
@@ -325,9 +327,10 @@ def published_mechanism(
 ) -> Array:
     """Simulate the published interface with `commands` (time × axes), on an ideal arm.
 
-    Every 0.1 s the newest command becomes a trajectory of one point, at rest there 0.5 s later, in
-    place of the one before: a quintic from the present position, speed and acceleration (what the
-    joint trajectory controller interpolates with). `phase_s`: of the loop against the commands.
+    Every 0.1 s the newest command becomes a trajectory of one point, at rest there 0.5 s later,
+    replacing the previous one: a quintic from the present position, speed and acceleration (the
+    interpolation of the joint trajectory controller). `phase_s`: phase of the loop relative to the
+    commands.
     """
     total = PUBLISHED_TRAJECTORY_S
     position = commands[0].copy()
@@ -355,7 +358,7 @@ def published_mechanism(
 
 
 def _quintic(p: Array, v: Array, a: Array, goal: Array, total_s: float) -> Array:
-    """Coefficients, lowest first, of the way from p, v, a to rest at `goal`."""
+    """Coefficients, lowest first, of the quintic from p, v, a to rest at `goal`."""
     rest = goal - p - v * total_s - 0.5 * a * total_s**2
     speed = -v - a * total_s
     t3, t4, t5 = total_s**3, total_s**4, total_s**5
@@ -373,10 +376,11 @@ def _quintic(p: Array, v: Array, a: Array, goal: Array, total_s: float) -> Array
 def signed_delays(
     command_times_s: Array, commands: Array, times_s: Array, measured: Array, longest_s: float
 ) -> Array:
-    """For each command the time until the output is nearest to it, s; negative: it was early.
+    """For each command, return the time until the output is nearest to it, s; negative: the output
+    was early.
 
-    For paths on which noise puts the output before or behind where it should be. Sought from
-    0.3 s before the command to `longest_s` after.
+    For paths on which noise moves the output ahead or behind. The search covers 0.3 s before the
+    command to `longest_s` after.
     """
     found = np.full(len(commands), np.nan)
     for index, (at_s, command) in enumerate(zip(command_times_s, commands, strict=True)):
@@ -389,7 +393,7 @@ def signed_delays(
 
 
 def quantiles_ms(delays_s: Array) -> str:
-    """5, 50, 95 and 100 % of the delays, ms."""
+    """Format the 5, 50, 95 and 100 % quantiles of the delays, ms."""
     known = delays_s[np.isfinite(delays_s)]
     if not len(known):
         return "none"
@@ -397,12 +401,12 @@ def quantiles_ms(delays_s: Array) -> str:
 
 
 def both(text: Callable[[Found], str], ideal: Found, dynamic: Found) -> tuple[str, str]:
-    """A figure of both drives."""
+    """Return a figure for each of the two drives."""
     return text(ideal), text(dynamic)
 
 
 def table(title: str, rows: Sequence[Row]) -> str:
-    """Rows as text."""
+    """Format rows as text."""
     heads = Row("", "published", "ours, ideal", "ours, dynamic", "aim")
     lines = [heads, *rows]
     widths = [max(len(str(row[i])) for row in lines) for i in range(5)]

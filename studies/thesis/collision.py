@@ -1,4 +1,4 @@
-"""Into an obstacle, into the arm itself, and a jump over an obstacle, on the UR5."""
+"""Commands into an obstacle, into the arm itself, and across an obstacle, on the UR5."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from studies.thesis.bench import (
 SPEED_M_S = 0.1
 RATE_HZ = 20.0
 GAP_M = 0.1
-"""From the arm to the wall at the start."""
+"""Distance from the arm to the wall at the start."""
 INTO_M = 0.1
-"""Distance past contact to which the commands go."""
+"""Distance of the last command beyond the contact."""
 SAFETY_M = 0.01
 OWN_M = 0.005
-"""Distances that the servo keeps to obstacles, and between the arm's own bodies."""
+"""Distances kept by the servo: to obstacles, and between the arm's own bodies."""
 JUMP_M = 0.18
 JUMP_GAP_M = 0.03
 THIN_M = 0.005
 WRIST_RADIUS_M = 0.04
-"""Of the UR5's last body about the TCP's axis, for placing walls."""
+"""Radius of the UR5's last body about the TCP's axis, for placing walls."""
 STAY_S = 1.0
 FORWARD = Vector3(1.0, 0.0, 0.0)
 INWARD = Vector3(-0.8, 0.0, -0.6)
-"""Towards the arm's own base."""
+"""Direction towards the arm's own base."""
 
 
 def _limits() -> ReferenceLimits:
@@ -49,7 +49,8 @@ def _limits() -> ReferenceLimits:
 
 
 def wall(gap_m: float, low: bool = False) -> Obstacle:
-    """5 mm thick, across x, `gap_m` before the arm at home; `low`: as high as the TCP."""
+    """Return a wall 5 mm thick, across x, `gap_m` before the arm at home; `low`: as high as the
+    TCP."""
     arm = ArmKinematics(load_arm("ur5"))
     x, _, z = arm.forward(np.array(arm.arm.home)).translation.tolist()
     x += WRIST_RADIUS_M + gap_m
@@ -57,18 +58,18 @@ def wall(gap_m: float, low: bool = False) -> Obstacle:
 
 
 class Stop(NamedTuple):
-    """A way into something, a stay, and the way back."""
+    """Result of a motion into an obstacle, a stay, and the way back."""
 
     trace: Trace
     back_s: float
-    """Time when the way back began."""
+    """Start time of the way back."""
     final_m: float
     """Clearance at the end of the stay."""
     smallest_m: float
     crept_m: float
     """Largest motion during the last half of the stay."""
     retreat_s: float
-    """From the first command that asked it away until it had 90 % of the speed asked."""
+    """Time from the first command away until 90 % of the commanded speed is reached."""
     refusals: int
 
 
@@ -88,7 +89,7 @@ def _stop(trace: Trace, clearance: Array, back_s: float, free_s: float, refusals
 
 
 def into_by_poses(drive: Drive) -> Stop:
-    """Poses that go through the wall and come back."""
+    """Stream poses that pass through the wall and return."""
     bench = Bench("ur5", drive, obstacles=(wall(GAP_M),))
     driving = bench.streams("pose")
     start = bench.placement(driving)
@@ -114,13 +115,13 @@ def into_by_poses(drive: Drive) -> Stop:
 
 
 def into_by_twists(drive: Drive) -> Stop:
-    """A session's twist into the wall, and then straight back."""
+    """Drive a session's twist into the wall, and then straight back."""
     bench = Bench("ur5", drive, obstacles=(wall(GAP_M),))
     return _twists(bench, FORWARD, (GAP_M + 0.05) / SPEED_M_S, own=False)
 
 
 def into_itself(drive: Drive) -> Stop:
-    """A session's twist towards the arm's own base, and then straight back."""
+    """Drive a session's twist towards the arm's own base, and then straight back."""
     return _twists(Bench("ur5", drive), INWARD, 0.55 / SPEED_M_S, own=True)
 
 
@@ -138,15 +139,15 @@ def _twists(bench: Bench, direction: Vector3, seconds: float, own: bool) -> Stop
 
 
 class Slide(NamedTuple):
-    """A twist at 45 degrees into the wall."""
+    """Result of a twist at 45 degrees into the wall."""
 
     share: float
-    """Of the tangential speed that is kept along it."""
+    """Share of the tangential speed that is kept along the wall."""
     smallest_m: float
 
 
 def slide(drive: Drive) -> Slide:
-    """A session's twist at 45 degrees into the wall."""
+    """Drive a session's twist at 45 degrees into the wall."""
     bench = Bench("ur5", drive, obstacles=(wall(0.03),))
     driving: Session = bench.session(_limits())
 
@@ -169,9 +170,9 @@ class Jump(NamedTuple):
     smallest_m: float
     final_m: float
     off_m: float
-    """From the pose to where the TCP is in the end."""
+    """Distance from the commanded pose to the final TCP."""
     published_m: float
-    """Smallest distance to the wall on the straight joint way that the published interface
+    """Smallest distance to the wall on the straight joint path that the published interface
     commands; negative: through it."""
 
 
@@ -210,7 +211,7 @@ def jump(drive: Drive) -> Jump:
 
 
 class Result(NamedTuple):
-    """Of one drive."""
+    """Results for one drive."""
 
     poses: Stop
     twists: Stop
@@ -220,14 +221,14 @@ class Result(NamedTuple):
 
 
 def measure(drive: Drive) -> Result:
-    """All collisions on one drive."""
+    """Run all collisions on one drive."""
     return Result(
         into_by_poses(drive), into_by_twists(drive), into_itself(drive), slide(drive), jump(drive)
     )
 
 
 def rows(ideal: Result, dynamic: Result) -> list[Row]:
-    """The table."""
+    """Return the table."""
     stops = (
         ("poses into a wall", "poses", SAFETY_M, "stops where it is, before"),
         ("twist into a wall", "twists", SAFETY_M, "stops where it is, before"),

@@ -1,4 +1,4 @@
-"""Figure of eight: once around two boxes in 33 s, position only, noisy camera, on the UR5."""
+"""Figure of eight: one lap around two boxes in 33 s, position only, noisy camera, on the UR5."""
 
 from __future__ import annotations
 
@@ -28,23 +28,25 @@ CAMERA_HZ = 30.0
 CENTER_M = np.array((0.45, 0.0, 0.30))
 HALF_LENGTH_M, HALF_WIDTH_M = 0.30, 0.14
 BOX_M = (0.05, 0.04, 0.295)
-"""Half a box along x and y, and its top; they stand on the base's plane."""
+"""Half sizes of a box along x and y, and height of its top; the boxes stand on the base plane."""
 BOX_AT_Y_M = 0.198
 NOISE_M = 0.0025
 """Standard deviation of each axis of a tag's position."""
 OUTLIER_SHARE = 0.01
 OUTLIER_M = (0.02, 0.05)
-"""Length of an outlier, in any direction: a tag whose corners were mistaken in one image."""
+"""Range of the size of an outlier, in any direction: a tag whose corners were misdetected in one
+image."""
 SEED = 2020
 LONGEST_S = 2.0
 
 RAMP = 0.03
-"""Share of the time in which the hand gets going, and comes to rest."""
+"""Share of the duration in which the hand accelerates, and in which it decelerates."""
 
 TRACK_1_S = 4.0
 """Natural frequency of the tracking filter."""
 GATE_M = 0.015
-"""A measurement farther from the prediction is taken for an outlier, unless the next one agrees."""
+"""Distance from the prediction beyond which a measurement is an outlier, unless the next one
+agrees."""
 
 BOXES = tuple(
     box_obstacle(
@@ -57,10 +59,10 @@ BOXES = tuple(
 
 
 def course(times_s: Array, duration_s: float = DURATION_S) -> Array:
-    """True position of the hand (time × 3): it starts and ends at rest in the middle."""
+    """True position of the hand (time × 3), starting and ending at rest in the middle."""
     share = np.clip(times_s / duration_s, 0.0, 1.0)
     ramp = RAMP
-    # Constant pace between two smooth ends.
+    # Constant speed between two smooth ends.
     eased = np.where(
         share < ramp,
         share**2 / (2.0 * ramp),
@@ -77,7 +79,7 @@ def course(times_s: Array, duration_s: float = DURATION_S) -> Array:
 
 
 def camera(times_s: Array) -> Array:
-    """Return the camera's measurements at its times: the course, noise, and rare outliers."""
+    """Return the camera's measurements at its times: the path with noise and rare outliers."""
     generator = np.random.default_rng(SEED)
     seen = course(times_s) + generator.normal(0.0, NOISE_M, (len(times_s), 3))
     wrong = np.flatnonzero(generator.random(len(times_s)) < OUTLIER_SHARE)
@@ -89,10 +91,10 @@ def camera(times_s: Array) -> Array:
 
 
 class Tracker:
-    """An operator's own filter: position and velocity, critically damped, with a gate; it sends
-    where the hand will be one image later.
+    """Filter on the operator's side: position and velocity, critically damped, with a gate; its
+    output is the hand's predicted position one image later.
 
-    Not a part of Cardan: it stands for what a tag's tracking does before it sends poses.
+    It is not a part of Cardan, but represents the tag tracking that sends the poses.
     """
 
     def __init__(self, start: Array, period_s: float) -> None:
@@ -103,7 +105,7 @@ class Tracker:
         self._suspect: Array | None = None
 
     def take(self, seen: Array) -> Array:
-        """Take the position of an image; return the position to send."""
+        """Process the position of an image; return the position to send."""
         self.position = self.position + self.velocity * self._period_s
         off = seen - self.position
         if np.linalg.norm(off) > GATE_M and (
@@ -132,11 +134,11 @@ class Course(NamedTuple):
     sent_m: Array
     """Streamed positions."""
     delays_s: Array
-    """Of each image: until the output is nearest to where the hand was at its time."""
+    """Per image: time until the output is nearest to the hand's position at that image."""
     correlation_s: float
     least_error_s: float
     rms_m: float
-    """From the hand's path to the output, the mean delay taken away."""
+    """RMS distance between the hand's path and the output after removal of the mean delay."""
     stops: int
     stopped_s: float
     refusals: int
@@ -144,7 +146,7 @@ class Course(NamedTuple):
 
 
 def run(drive: Drive, tracked: bool, seconds: float) -> Course:
-    """The course (its first `seconds`) by streamed poses; `tracked`: through the tracker."""
+    """Run the path's first `seconds` with streamed poses; `tracked`: through the tracker."""
     arm = ArmKinematics(load_arm("ur5"))
     home = np.array(arm.arm.home)
     rotation = arm.forward(home).rotation
@@ -175,7 +177,7 @@ def run(drive: Drive, tracked: bool, seconds: float) -> Course:
 
 
 def _moving(images_s: Array, end_s: float) -> npt.NDArray[np.bool_]:
-    """Images during which the hand has its full pace: at rest a time says nothing."""
+    """Select the images in which the hand has full speed: at rest no delay can be measured."""
     ramp_s = RAMP * DURATION_S
     return (images_s > ramp_s) & (images_s < min(DURATION_S - ramp_s, end_s - LONGEST_S))
 
@@ -219,19 +221,19 @@ def mechanism(seconds: float) -> Array:
 
 
 class Result(NamedTuple):
-    """Of one drive."""
+    """Results for one drive."""
 
     raw: Course
     tracked: Course
 
 
 def measure(drive: Drive, seconds: float = DURATION_S + TAIL_S) -> Result:
-    """The course with the raw and with the tracked poses on one drive."""
+    """Run the path with the raw and with the tracked poses on one drive."""
     return Result(run(drive, False, seconds), run(drive, True, seconds))
 
 
 def rows(ideal: Result, dynamic: Result, published_s: Array) -> list[Row]:
-    """The table; `published_s` of :func:`mechanism`."""
+    """Return the table; `published_s`: delays from :func:`mechanism`."""
     found = []
     for one, two in zip(ideal, dynamic, strict=True):
         mostly = float(np.nanquantile(one.delays_s, 0.95))

@@ -15,12 +15,12 @@ SPEED_M_S = 0.1
 RATE_HZ = 50.0
 LENGTH_M = 0.3
 AT_S = 1.0
-"""Time of the fault."""
+"""Start time of the fault."""
 HOUR_S = 3600.0
 
 
 class Packet(NamedTuple):
-    """A streamed command and when it arrives."""
+    """A streamed command with its time of arrival."""
 
     arrives_s: float
     way_m: float
@@ -35,20 +35,20 @@ class Fault(NamedTuple):
     reached_m: float
     refused: int
     back_m: float
-    """Largest motion against the line."""
+    """Largest motion backwards along the line."""
     stops: int
     acceleration_m_s2: float
-    """Largest of the TCP, of what was commanded."""
+    """Largest commanded acceleration of the TCP."""
     stop_s: float
-    """From the last command taken until the TCP rested, where it stopped; else NaN."""
+    """Time from the last accepted command until the TCP rested, if it stopped; else NaN."""
     run_on_m: float
-    """Distance in that time."""
+    """Distance covered in that time."""
     message: str
     trace: Trace
 
 
 def _packets() -> list[Packet]:
-    """The line, and its end for another half a second."""
+    """Return the commands of the line, and its end for another 0.5 s."""
     times = np.arange(0.0, LENGTH_M / SPEED_M_S + 0.5, 1.0 / RATE_HZ)
     return [
         Packet(float(t), min(LENGTH_M, float(SPEED_M_S * t)), sequence=i)
@@ -63,7 +63,7 @@ def _line(
     timeout_s: float = 0.1,
     silent_s: float = math.nan,
 ) -> Fault:
-    """Send `packets`; `silent_s`: when a silence begins, for the stop after it."""
+    """Send `packets`; `silent_s`: start of a silence, for the analysis of the stop."""
     bench = Bench("ur5", drive, np.radians(START_DEG))
     driving: Streams = bench.streams("pose", timeout_s=timeout_s)
     start = bench.placement(driving)
@@ -116,13 +116,13 @@ def _line(
 
 
 def silence(drive: Drive, gap_s: float) -> Fault:
-    """Nothing arrives for `gap_s`."""
+    """Gap: nothing arrives for `gap_s`."""
     packets = [p for p in _packets() if not AT_S < p.arrives_s < AT_S + gap_s - 1e-9]
     return _line(f"{gap_s * 1e3:.0f} ms of silence", drive, packets, silent_s=AT_S)
 
 
 def clock_jump(drive: Drive, jump_s: float, stamped: bool) -> Fault:
-    """The sender's clock jumps in the middle; `stamped`: it sends stamps, else numbers."""
+    """Jump of the sender's clock in the middle; `stamped`: packets have stamps, else numbers."""
     packets = [
         Packet(p.arrives_s, p.way_m, None, p.arrives_s + (jump_s if p.arrives_s > AT_S else 0.0))
         if stamped
@@ -134,13 +134,13 @@ def clock_jump(drive: Drive, jump_s: float, stamped: bool) -> Fault:
 
 
 def not_a_number(drive: Drive) -> Fault:
-    """Every tenth pose holds NaN."""
+    """NaN in every tenth pose."""
     packets = [p._replace(way_m=math.nan) if i % 10 == 5 else p for i, p in enumerate(_packets())]
     return _line("every 10th pose NaN", drive, packets)
 
 
 def reordering(drive: Drive) -> Fault:
-    """Every fifth pose is overtaken by the two after it."""
+    """Reordering: the next two poses overtake every fifth one."""
     packets = [
         p._replace(arrives_s=p.arrives_s + 2.5 / RATE_HZ) if i % 5 == 2 else p
         for i, p in enumerate(_packets())
@@ -149,7 +149,7 @@ def reordering(drive: Drive) -> Fault:
 
 
 def bursts(drive: Drive, timeout_s: float) -> Fault:
-    """Poses arrive together, every 150 ms."""
+    """Bursts: poses arrive together, every 150 ms."""
     burst_s = 0.15
     packets = [
         p._replace(arrives_s=math.ceil(p.arrives_s / burst_s - 1e-9) * burst_s) for p in _packets()
@@ -158,7 +158,7 @@ def bursts(drive: Drive, timeout_s: float) -> Fault:
 
 
 def measure(drive: Drive) -> tuple[Fault, ...]:
-    """All faults on one drive."""
+    """Run all faults on one drive."""
     return (
         silence(drive, 0.1),
         clock_jump(drive, HOUR_S, stamped=False),
@@ -176,7 +176,7 @@ def _no_aim(_: Fault) -> bool:
 
 
 def rows(ideal: tuple[Fault, ...], dynamic: tuple[Fault, ...]) -> list[Row]:
-    """The table."""
+    """Return the table."""
 
     def text(fault: Fault) -> str:
         said = f"{fault.reached_m * 1e3:.0f} mm, {fault.refused} refused, {fault.stops} stops"

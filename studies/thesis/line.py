@@ -37,19 +37,19 @@ SHAPER = PoseShaperLimits(
     linear_acceleration_m_s2=STIFF.streams.linear_acceleration_m_s2,
     linear_jerk_m_s3=JERK_M_S3,
 )
-"""As the streams', for the shaper alone."""
+"""Limits for the shaper alone, equal to those of the streams."""
 
 PUBLISHED_S = 0.35
 PUBLISHED_START_S = 0.5
 
 START_DEG = (7.6, -97.3, 142.5, -135.2, -90.0, 7.6)
-"""From which 0.5 m along each axis of the base can be reached."""
+"""Start position from which 0.5 m along each axis of the base can be reached."""
 
 DIRECTIONS = (Vector3(1.0, 0.0, 0.0), Vector3(0.0, -1.0, 0.0), Vector3(0.0, 0.0, 1.0))
 
 
 class Delays(NamedTuple):
-    """Of one line."""
+    """Delays of one line."""
 
     correlation_s: float
     least_error_s: float
@@ -62,14 +62,14 @@ class Line(NamedTuple):
     name: str
     times_s: Array
     program_m: Array
-    """Position on the program's line."""
+    """Commanded position on the line."""
     output_m: Array
-    """time × 3: where the TCP was."""
+    """TCP positions, time × 3."""
     delays: Delays
     errors: Errors
     refusals: int
     sag_m: float
-    """By which the arm hangs below its command before the line begins."""
+    """Sag of the arm below its command before the line begins."""
 
 
 def program(times_s: Array, length_m: float) -> Array:
@@ -78,7 +78,7 @@ def program(times_s: Array, length_m: float) -> Array:
 
 
 def delays_of(times_s: Array, line: Array, output: Array, length_m: float) -> Delays:
-    """The three measures; `line` and `output` are time × 3."""
+    """Return the three measures of the delay; `line` and `output` are time × 3."""
     sent_s = np.arange(0.0, length_m / SPEED_M_S + 1e-9, 1.0 / RATE_HZ)
     commands = np.zeros((len(sent_s), 3))
     axis = int(np.argmax(np.ptp(line, axis=0)))
@@ -109,7 +109,7 @@ def _made(
 
 
 def relative(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
-    """Each command is the way to be made within its 50 ms: a twist."""
+    """Run the line with twists: each command is the displacement of its 50 ms."""
     bench = Bench("ur5", drive, np.radians(START_DEG))
     driving = bench.streams("twst", options)
     direction, clock = DIRECTIONS[axis], Metronome(RATE_HZ)
@@ -125,7 +125,7 @@ def relative(drive: Drive, axis: int, length_m: float, options: ControllerOption
 
 
 def absolute(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
-    """Each command is the pose that the program's line has then; damping 1.0."""
+    """Run the line with poses: each command is the line's pose at its time; damping 1.0."""
     bench = Bench("ur5", drive, np.radians(START_DEG))
     driving = bench.streams("pose", options)
     start = bench.placement(driving)
@@ -156,7 +156,7 @@ def _times(length_m: float) -> Array:
 
 
 def held(length_m: float) -> Line:
-    """The commands themselves, each held until the next: what any follower is given."""
+    """The commands themselves, each held until the next, as any follower receives them."""
     times_s = _times(length_m)
     held_s = np.floor(times_s * RATE_HZ + 1e-9) / RATE_HZ
     output = np.zeros((len(times_s), 3))
@@ -165,7 +165,7 @@ def held(length_m: float) -> Line:
 
 
 def shaped(length_m: float) -> Line:
-    """The line through the jerk-limited shaper, damping 1.0, without an arm behind it."""
+    """The line through the jerk-limited shaper, damping 1.0, without an arm."""
     shaper = PoseShaper(SHAPER, damping=1.0)
     shaper.place(Pose(Vector3(0.0, 0.0, 0.0), IDENTITY))
     times_s = _times(length_m)
@@ -178,7 +178,7 @@ def shaped(length_m: float) -> Line:
 
 
 def mechanism(length_m: float) -> Line:
-    """The published interface's own mechanism, simulated here on the same commands."""
+    """The mechanism of the published interface, simulated on the same commands."""
     times_s = _times(length_m)
     sent_s = np.arange(0.0, length_m / SPEED_M_S + 1e-9, 1.0 / RATE_HZ)
     commands = np.zeros((len(sent_s), 3))
@@ -191,19 +191,19 @@ PREDICTED = replace(STIFF, stream_prediction_s=0.05)
 
 
 class Result(NamedTuple):
-    """Of one drive."""
+    """Results for one drive."""
 
     relative: tuple[Line, ...]
-    """Along x, y and z."""
+    """Lines along x, y and z."""
     absolute: tuple[Line, ...]
     predicted: tuple[Line, ...]
-    """Absolute, each pose led on for one period as the last ones went."""
+    """Absolute poses with prediction: each is extrapolated for one period."""
     relative_default: Line
     absolute_default: Line
 
 
 def measure(drive: Drive, length_m: float = 0.5, axes: int = 3) -> Result:
-    """All lines on one drive."""
+    """Run all lines on one drive."""
     return Result(
         tuple(relative(drive, axis, length_m) for axis in range(axes)),
         tuple(absolute(drive, axis, length_m) for axis in range(axes)),
@@ -214,12 +214,12 @@ def measure(drive: Drive, length_m: float = 0.5, axes: int = 3) -> Result:
 
 
 def simulated(length_m: float = 0.5) -> tuple[Line, Line, Line]:
-    """Without an arm: the published mechanism, the held commands, the shaper."""
+    """Simulate the line without an arm: the published mechanism, the held commands, the shaper."""
     return mechanism(length_m), held(length_m), shaped(length_m)
 
 
 def rows(ideal: Result, dynamic: Result, others: tuple[Line, Line, Line]) -> list[Row]:
-    """The table; `others` of :func:`simulated`."""
+    """Return the table; `others`: lines from :func:`simulated`."""
 
     def ms(delay_s: float) -> str:
         return f"{delay_s * 1e3:.0f}"

@@ -1,4 +1,4 @@
-"""The pictures of docs/evaluation.md. Needs matplotlib."""
+"""Pictures of docs/evaluation.md. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def draw(
     free: dict[bool, list[arbitrary.Result]],
     broken: Sequence[tuple[faults.Fault, ...]],
 ) -> Iterator[Drawn]:
-    """All pictures. Of each pair the ideal drive is first."""
+    """Draw all pictures. In each pair the ideal drive comes first."""
     yield Drawn("line", "Straight line", _line(straight, others[0]))
     yield Drawn("eight", "Eight-course", _eight(courses, simulated_s))
     yield Drawn("collision", "Collisions", _collision(hits))

@@ -1,4 +1,4 @@
-"""The thesis of 2020: what is measured, and its tables and figures."""
+"""The thesis of 2020: measurements, tables and figures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ QUICK_TURNS = 1.0
 QUICK_WANDER_S = 4.0
 
 SMALLEST_M = 1e-4
-"""Of what is compared: less is no difference."""
+"""Smallest spread of distances: smaller differences are ignored."""
 
 HOW = (
     "Virtual time at 500 Hz: the same figures in every run. The simulated arm is behind its own "
@@ -28,7 +28,7 @@ HOW = (
 
 
 class Measured(NamedTuple):
-    """Of each pair the ideal drive is first."""
+    """Measurements of the thesis. In each pair the ideal drive comes first."""
 
     straight: list[line.Result]
     others: tuple[line.Line, line.Line, line.Line]
@@ -37,13 +37,13 @@ class Measured(NamedTuple):
     """Delays of the published mechanism on the eight-course."""
     hits: list[collision.Result]
     free: dict[bool, list[arbitrary.Result]]
-    """By whether the shaper drives; else the Cartesian device."""
+    """Results by driving: True for the shaper, False for the Cartesian controller's streams."""
     broken: list[tuple[faults.Fault, ...]]
-    """Empty: left out."""
+    """Results of the disturbed stream; empty: left out."""
 
 
 class _Driven(NamedTuple):
-    """Of one drive."""
+    """Measurements on one drive."""
 
     straight: line.Result
     course: eight.Result
@@ -73,7 +73,8 @@ def _eight_s(quick: bool) -> float:
 
 
 def measure(quick: bool = False) -> Measured:
-    """Measure everything; `quick`: shorter ways, one axis, no disturbed stream, no shaper alone."""
+    """Measure everything; `quick`: shorter paths, one axis, no disturbed stream, no shaper
+    alone."""
     found = side_by_side(_one, [(drive, quick) for drive in DRIVES])
     return Measured(
         [each.straight for each in found],
@@ -87,7 +88,7 @@ def measure(quick: bool = False) -> Measured:
 
 
 def tables(found: Measured) -> list[tuple[str, list[Row]]]:
-    """Titles and rows."""
+    """Return the tables' titles and rows."""
     free = arbitrary.rows("Cartesian device", *found.free[False])
     if True in found.free:
         free += arbitrary.rows("shaper and servo", *found.free[True])
@@ -104,7 +105,7 @@ def tables(found: Measured) -> list[tuple[str, list[Row]]]:
 
 
 def run(quick: bool) -> Result:
-    """Measure."""
+    """Run the study."""
     found = measure(quick)
 
     def draw() -> Iterator[Drawn]:
@@ -153,7 +154,7 @@ def _indented(words: str) -> str:
 
 
 def figures(found: Measured) -> tuple[Figure, ...]:
-    """Figures by which reports are compared."""
+    """Return the figures by which reports are compared."""
     made: list[Figure] = []
 
     def both(name: str, unit: str, values: list[float], **more: object) -> None:

@@ -379,9 +379,9 @@ def test_both_have_their_files_and_the_keys_differ(state):
         assert all(os.path.isfile(each) for each in paths)
 
     # Already paired: without --replace nothing changes, with it every file does.
-    with pytest.raises(ConfigurationError, match=r"--replace: .* paired already, in .*as-robot"):
+    with pytest.raises(ConfigurationError, match=r"--replace: paired already, in .*as-robot"):
         wait_for_operator((HOST, free_tcp_port()), False, [].append, [].append)
-    with pytest.raises(ConfigurationError, match=r"--replace: .* paired already, in .*with-127"):
+    with pytest.raises(ConfigurationError, match=r"--replace: paired already, in .*with-127"):
         pairing.pair_with(HOST, 1, False, lambda: pytest.fail("it asked for the code"))
     assert stored(state) == files
     with Waiting(replace=True) as robot:

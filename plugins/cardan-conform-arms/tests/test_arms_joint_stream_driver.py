@@ -1,4 +1,4 @@
-"""Clients of the joint stream: those that end, and our own over a real socket."""
+"""Tests of joint stream clients: simulated ones with early ends, and our own over a real socket."""
 
 from __future__ import annotations
 
@@ -54,6 +54,6 @@ def test_our_driver_is_judged_over_a_real_socket():
         thread.join()
     assert reported == []
     found = {each.id: each.outcome.value for each in report.results}
-    # Not those of times: this computer may stand still at any moment.
+    # Timing requirements are left out: this computer may stall at any moment.
     for number in (101, 102, 103, 104, 105, 109, 110, 111, 112, 115, 117, 118, 119):
         assert found[f"JSPC-{number}"] == "passed", report.as_text()

@@ -1,4 +1,5 @@
-"""The suite of FollowJointTrajectory: at a session's own server, and at servers with defects."""
+"""The FollowJointTrajectory suite against a session's own server, and against servers with
+defects."""
 
 from __future__ import annotations
 
@@ -60,14 +61,14 @@ class Call:
         self._answers.append((self._channel, data, str(self._number)))
 
     def refuse(self, _reason):
-        """It is not answered."""
+        """Send no answer."""
 
 
 class SimulatedSession:
     """The server of a session with its arm, and a scenario in virtual time."""
 
     def __init__(self, exchange, bench, earlier=GOAL):
-        """`earlier`: which of the two comes first, that are sent at once."""
+        """`earlier`: request that arrives first if two are sent at the same time."""
         self.exchange, self.bench = exchange, bench
         self._earlier = earlier
         self._answers = []
@@ -141,7 +142,7 @@ def worse_than(outcome, verdicts):
 
 
 def turned_arm(turns):
-    """A PR2's arm whose continuous joints have turned so often."""
+    """Return a PR2's arm whose continuous joints start this many turns from home."""
     model = load_arm(PR2)
     start = [
         at + 2.0 * math.pi * turns * (joint.kind is JointKind.CONTINUOUS)
@@ -162,7 +163,8 @@ FINGER = """
 
 
 class SimulatedGripper(SimulatedSession):
-    """The same, where a gripper's joint is described and published that another one moves."""
+    """Session whose description and joint states also contain a gripper's joint, moved by another
+    controller."""
 
     def _hear(self, channel, given):
         if channel == DESCRIPTION:
@@ -221,7 +223,7 @@ def test_an_arm_without_continuous_joints_is_not_asked_to_wrap():
 
 @pytest.mark.matrix
 def test_each_requirement_is_failed_by_a_fault():
-    """By one at a time, as the page's table has them."""
+    """Each fault is injected alone; see the page's table."""
     caught = {name for each in tables.tried(SUITE.name) for name in each.caught}
     assert caught == {each.id for each in requires.all()}
 
@@ -237,7 +239,7 @@ def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
 
 @pytest.mark.matrix
 def test_nothing_that_comes_ends_the_pilot_or_a_judge():
-    """Bytes that are no messages, at any time and on any channel."""
+    """Malformed messages at any time and on any channel."""
     scenario = SUITE.scenario(Level.MOVE, 0.1)
     exchange = Exchange(scenario)
     SUITE.simulate(exchange, {}, 0)
@@ -269,7 +271,7 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
 @pytest.mark.parametrize("index", [None, 0, 1, 7])
 @pytest.mark.parametrize("names", [[], ["a"], ["a", "b", "c"]])
 def test_feedback_of_every_distribution_is_read(names, index):
-    """`index`: of the point, as Kilted and later have it; None: before."""
+    """`index`: index of the failing point, as in Kilted and later; None for earlier versions."""
     timeline = WireTimeline()
     feedback = {"joint_names": names, "actual": {"positions": [0.5] * len(names)}}
     name = CHANNELS[FEEDBACK].type
@@ -317,7 +319,7 @@ ACTION = "/left/joint_trajectory_controller/follow_joint_trajectory"
 @pytest.mark.matrix
 @pytest.mark.parametrize(("text", "left_out"), [(SESSION, ()), (ARM_SESSION, ("212",))])
 def test_a_session_on_the_bus_meets_every_requirement(text, left_out, tmp_path):
-    """As `cardan conform joint-trajectory --target` judges it."""
+    """Judged by `cardan conform joint-trajectory --target`."""
     endpoint = free_endpoint()
     (tmp_path / "session.toml").write_text(text.format(endpoint=endpoint))
     command = [sys.executable, "-m", "cardan", "run", "session.toml", "--seconds", "150"]

@@ -1,4 +1,4 @@
-"""A node of dora-rs over DDS, with RustDDS: `python dora_dds.py ARM`, on its own.
+"""A node of dora-rs over DDS, with RustDDS: `python dora_dds.py ARM`, in a separate process.
 
 Prints what it saw of the arm's topics as one line of JSON. Services are left out: over DDS dora-rs
 reads what is in them from the wrong byte. Source: dora-rs 1.1, Ros2Context; AMENT_PREFIX_PATH leads
@@ -18,8 +18,8 @@ import pyarrow as pa  # noqa: E402
 
 TIMEOUT_S = 30.0
 PERIOD_S = 0.02
-"""Between two looks: dora-rs does not wait. Commands without a pause are a flood, which starves the
-server on a busy computer."""
+"""Polling period: dora-rs does not wait. Commands without a pause flood the server and starve it on
+a busy computer."""
 
 
 def main(arm):
@@ -50,8 +50,8 @@ def main(arm):
     reported["pose"] = heard(poses)
     pose = reported["pose"]["pose"]
     pose["position"]["z"] -= 0.02
-    # dora-rs does not report matched peers: it asks again until its own subscription is there,
-    # too. While the arm moves, further commands are refused.
+    # dora-rs does not report matched peers: query until its own subscription is listed, too. While
+    # the arm moves, further commands are refused.
     reported["accepted"] = heard(
         results,
         lambda each: (each["command"], each["outcome"]) == ("movl", "accepted"),

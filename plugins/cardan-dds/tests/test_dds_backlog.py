@@ -1,4 +1,4 @@
-"""Messages that waited on their way from DDS are dropped; in virtual time, without DDS."""
+"""Messages that are delayed on their way from DDS are dropped; in virtual time, without DDS."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ PERIOD_S, QUICKEST_S, AHEAD_S = 0.02, 0.004, 1e9
 
 
 class Bench:
-    """A bridge, and by hand what is on both of its sides."""
+    """A bridge with manually driven networks on both sides."""
 
     def __init__(self):
         self.now_s, self.passed, self.latched = 100.0, [], False
@@ -42,7 +42,8 @@ class Bench:
         return self.bridge._subscribe(topic, TWIST)
 
     def brings(self, heard, cdr, delay_s, writer="joystick", stamp_ns=None):
-        """DDS brings a message, so long after it was published; whether it was passed on."""
+        """Deliver a message from DDS this long after its publication; return whether it was passed
+        on."""
         self.now_s += PERIOD_S
         if stamp_ns is None:
             stamp_ns = round((self.now_s - delay_s + AHEAD_S) * 1e9)

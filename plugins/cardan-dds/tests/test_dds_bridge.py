@@ -34,7 +34,7 @@ PATTERNS = DdsBridgeOptions(topics=("/arm/*", "/tf"), services=("/arm/*",))
 
 @contextmanager
 def serving(options):
-    """The server in a thread."""
+    """Run the server in a thread."""
     stop, ready = threading.Event(), threading.Event()
     failed = []
 
@@ -57,7 +57,7 @@ def serving(options):
 
 @pytest.fixture
 def sides():
-    """A node on the bus and one on DDS, with the server between."""
+    """A node on the bus and another on DDS, with the server in between."""
     endpoint = free_endpoint()
     options = DdsServerOptions(bus=BusOptions(router=endpoint), dds=OPTIONS, bridge=PATTERNS)
     with (
@@ -117,7 +117,7 @@ def test_a_latched_message_is_kept_once_however_often_subscribers_come(sides):
         until(lambda: robot.topics()["/arm/state"].subscribers)
         handle.close()
         other.close()
-        # The bridge has seen both go.
+        # Wait until the bridge has seen both leave.
         until(lambda: not robot.topics()["/arm/state"].subscribers)
     heard, _handle = hears(user, "/arm/description")
     until(lambda: heard)
@@ -198,7 +198,7 @@ def test_services_are_not_offered_unless_asked_for():
     ):
         offered = robot.serve("/arm/stop", TRIGGER, lambda _request, answer: answer(REPLY))
         until(lambda: f"/{SERVER_NODE}" in robot.nodes() and f"/{SERVER_NODE}" in user.nodes())
-        # Services are followed after topics.
+        # The bridge handles services after topics.
         for number in range(2):
             _, _handle = hears(robot, f"/arm/command_{number}")
             until(lambda number=number: f"/arm/command_{number}" in user.topics())
@@ -223,7 +223,7 @@ def test_nothing_goes_round_where_both_sides_publish_and_subscribe(sides):
     publishers[user].publish(text("only"))
     for each in heard.values():
         until(lambda each=each: {text("once"), text("only")} <= set(each))
-    # A looping message would have come again by the time of a further one.
+    # A looping message would have returned before the next one.
     publishers[robot].publish(text("end"))
     publishers[user].publish(text("end too"))
     for each in heard.values():

@@ -1,4 +1,4 @@
-"""Traffic on DDS, judged by the engine of ROS 2's default middleware."""
+"""Traffic on DDS, judged by the DDS implementation of ROS 2's default middleware."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_topics_both_ways_however_it_looks_for_others(discovery, first):
         until(reported)
         reported = theirs.heard("/arm/joints", JOINTS)
         assert {key: reported[key] for key in message} == message
-        # Its length is no multiple of four: none of the padding is left.
+        # The length is no multiple of four: the padding must be removed.
         theirs.publish("/arm/name", STRING, {"data": "hello"}, count=300, period_ms=10)
         assert until(lambda: heard)[0] == encoded(STRING, data="hello")
 
@@ -77,7 +77,7 @@ def test_endpoints_are_those_of_ros_2(ours):
             assert seen["type"] == f"{package}::msg::dds_::{name}_"
             assert user_data(seen) == {"typehash": type_hash(type_name)}
             assert (seen["reliability"], seen["durability"]) == ("reliable", durability)
-            assert seen["representations"] in (0, 1), "XCDR1 alone, which none means as well"
+            assert seen["representations"] in (0, 1), "XCDR1 only, listed or by default"
         request = theirs.wait("endpoint_seen", topic="rq/arm/stopRequest", kind="reader")
         reply = theirs.wait("endpoint_seen", topic="rr/arm/stopReply", kind="writer")
         assert request["type"] == "std_srvs::srv::dds_::Trigger_Request_"
@@ -94,7 +94,7 @@ def test_nodes_know_each_other_by_name(options, length):
         seen = theirs.wait("endpoint_seen", topic="rt/arm/joints", kind="writer")
         named = f"{seen['guid']}{'00' * (length - 16)}"
         until(lambda: any(named in each["cdr"] for each in theirs.found("graph")))
-        # A full snapshot: the participant, one node, its endpoints.
+        # Wait for a full snapshot: the participant, a node, its endpoints.
         reported = next(each["cdr"] for each in theirs.found("graph") if named in each["cdr"])
         assert reported.startswith(
             f"00010000{ours.hub.participant.guid.hex()}{'00' * (length - 16)}01000000"
@@ -102,7 +102,7 @@ def test_nodes_know_each_other_by_name(options, length):
         assert b"ours\0".hex() in reported
         publisher.close()
         theirs.wait("endpoint_gone", topic="rt/arm/joints", kind="writer")
-        assert named not in theirs.wait("graph")["cdr"], "taken from the snapshot before"
+        assert named not in theirs.wait("graph")["cdr"], "still in the snapshot"
         theirs.advertise("/arm/name", STRING)
         until(lambda: "/fast" in ours.topics().get("/arm/name", ((), ()))[1])
     assert length == len(named) // 2
@@ -128,7 +128,7 @@ def test_a_publisher_that_is_found_while_a_subscription_is_made_is_not_missed(ou
         def late(given):
             theirs.advertise("/their/description", STRING, latched=True)
             theirs.publish("/their/description", STRING, {"data": "<arm/>"})
-            # Nothing is reported of it any more once its node has announced it.
+            # Fast DDS no longer reports the endpoint once its node has been announced.
             until(lambda: "/fast" in ours.topics().get("/their/description", ((), ()))[1])
             follow(given)
 

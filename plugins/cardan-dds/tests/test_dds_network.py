@@ -101,7 +101,7 @@ def test_a_service_answers(pair):
         listener.call("/ready", TRIGGER, REQUEST, replies.append, TIMEOUT_S)
         until(lambda count=count: len(replies) == count)
     assert replies == [REPLY] * 3
-    # The name of a server's node comes by a topic of its own.
+    # The name of a server's node is published on a separate topic.
     found = until(
         lambda: (found := listener.services()["/ready"]).servers == ("/talker",) and found
     )
@@ -122,7 +122,7 @@ def test_a_call_that_nobody_answers_ends(pair):
 
 
 def stranger(number, writes):
-    """An endpoint of /ready that Fast DDS has."""
+    """An endpoint of /ready with the GUID of a Fast DDS participant."""
     guid = FAST_GUID[:12] + number.to_bytes(4, "big")
     part = "Request"
     kind = f"std_srvs::srv::dds_::Trigger_{part}_"
@@ -279,8 +279,8 @@ def test_what_is_left_open_when_the_network_is_closed_can_still_be_closed():
 
 
 def test_endpoints_come_and_go_in_many_threads(pair):
-    """Three seconds on an idle computer, 22 where 8 others want each core: one that stands still is
-    told from one that is slow round by round."""
+    """Takes 3 s on an idle computer, 22 s with 8 competing processes per core: progress per round
+    distinguishes a stall from slowness."""
     ones, rounds = (*pair, pair[0]), 30
     done = [0] * len(ones)
 
@@ -352,7 +352,7 @@ def test_a_domain_without_room_is_named_and_an_option_only_where_it_was_given(mo
 def test_the_last_participant_of_the_highest_domain_has_ports():
     from cardan.bus.options import DOMAIN
 
-    # RTPS: unicast of users at 7400 + 250 * domain + 11 + 2 * index.
+    # RTPS: user unicast traffic is at 7400 + 250 * domain + 11 + 2 * index.
     assert 7400 + 250 * DOMAIN.highest + 11 + 2 * cyclone.MOST_PARTICIPANTS == 2**16 - 1
 
 
@@ -371,7 +371,7 @@ def test_a_configuration_of_the_user_passes_through(monkeypatch):
 
 
 def test_without_the_package_it_says_which(monkeypatch):
-    # A library of its own: what is configured in this process stays known to the others.
+    # A separate library: settings of this process must not reach the other tests.
     monkeypatch.setattr(cyclone, "_library", cyclone._Library)
     monkeypatch.setitem(__import__("sys").modules, "cyclonedds", None)
     with pytest.raises(ExtraMissingError, match=r"cardan\[dds\]"):

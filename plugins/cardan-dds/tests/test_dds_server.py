@@ -1,4 +1,4 @@
-"""The server, and the nodes of the transport, as Cardan finds them by their entry points."""
+"""The server and the transport's nodes, as Cardan finds them by their entry points."""
 
 from cardan.bus import transports
 from cardan.gateway.servers import registry

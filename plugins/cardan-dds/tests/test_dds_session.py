@@ -1,4 +1,5 @@
-"""A session on DDS by the server, both in processes of their own; a program of others judges it."""
+"""A session on DDS through the server, each in a separate process, judged by a third-party
+program."""
 
 import json
 import os
@@ -31,7 +32,7 @@ MOVE, POSE = "cardan_msgs/action/MovePose", "geometry_msgs/msg/Pose"
 
 @pytest.fixture(scope="module")
 def domain(tmp_path_factory):
-    """A session and the server beside it; the DDS domain."""
+    """Run a session and the server for it; return the DDS domain."""
     endpoint, number = free_endpoint(), str(SESSION_OPTIONS.dds_domain)
     file = tmp_path_factory.mktemp("session") / "session.toml"
     file.write_text(ARM_SESSION.format(endpoint=endpoint))
@@ -48,7 +49,7 @@ def domain(tmp_path_factory):
 
 @contextmanager
 def met():
-    """A participant that has met what the session offers."""
+    """Participant that has discovered the session's services."""
     with DdsNetwork(SESSION_OPTIONS, "user") as user:
         assert user.wait_for_service(f"{ARM}/set_parameters_atomically", TIMEOUT_S)
         assert user.wait_for_service(f"{ARM}/action/movl/_action/get_result", TIMEOUT_S)
@@ -124,12 +125,12 @@ def test_the_description_is_there_for_who_comes_late(user):
 
 
 def test_a_node_of_dora_rs_watches_and_commands_the_arm(domain, tmp_path):
-    """With the server alone: of two participants that RustDDS meets at once it may forget the
-    writers of one (findings/rustdds_forgets_writers_when_another_participant_joins.sh)."""
+    """Only the server is on the domain: if RustDDS meets two participants at once, it may forget
+    the writers of one (findings/rustdds_forgets_writers_when_another_participant_joins.sh)."""
     pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
     write_packages(tmp_path)
     with met():
-        pass  # It has left when the node comes.
+        pass  # The participant has left before the node starts.
     reported = json.loads(
         subprocess.run(
             [sys.executable, str(DORA), ARM],

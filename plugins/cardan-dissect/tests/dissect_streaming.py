@@ -1,4 +1,4 @@
-"""Segments of TCP, and what a dissector of streams makes of them."""
+"""TCP segments, and the output of a stream dissector for them."""
 
 from cardan_dissect.capture import CapturedPacket
 from cardan_dissect.figures import Figures
@@ -7,7 +7,7 @@ from cardan_dissect.reader import Note, describe, excerpt
 
 
 def segments(parts, start, source, destination):
-    """Each of `parts` in a segment of its own, one after the other from `start` on."""
+    """Return consecutive segments with the given parts, from sequence number `start` on."""
     made = []
     for part in parts:
         made.append(Segment("TCP", source, destination, part, False, start % 2**32, 16))
@@ -16,13 +16,13 @@ def segments(parts, start, source, destination):
 
 
 def opened(kind):
-    """A dissector of this class, with its usual numbers."""
+    """Return a dissector of this class with the default port numbers."""
     return kind({option.key: option.usual for option in kind.options})
 
 
 def fed(dissector, listed, period_s):
-    """Lines without their addresses, of segments that come in this period; and all that is said in
-    the end of each direction."""
+    """Return the lines without addresses for segments that arrive at this period, and the final
+    figures of each direction."""
     lines, found, figures = [], [], {}
     for number, segment in enumerate(listed, 1):
         packet = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)

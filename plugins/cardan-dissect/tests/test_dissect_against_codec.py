@@ -1,6 +1,7 @@
-"""The layers and the codec, two descriptions of each protocol, held against each other.
+"""Comparison of the layers with the codec, two descriptions of each protocol.
 
-The layers hold the units of the wire, the codec SI: the conversions here are a third opinion.
+The layers have the protocol's units, the codec has SI units: the conversions here are independent
+of both.
 """
 
 import math
@@ -91,7 +92,7 @@ old_force = message(layers.EgmMeasuredForceRW6, force=six)
 robots = message(
     layers.EgmRobot,
     header=header(layers.DATA),
-    feedBack=motion(layers.EgmFeedBack),  # the codec refuses a robot without any motion
+    feedBack=motion(layers.EgmFeedBack),  # The codec refuses a robot without motion.
     planned=maybe(motion(layers.EgmPlanned)),
     motorState=maybe(state(layers.EgmMotorState)),
     mciState=maybe(state(layers.EgmMCIState)),
@@ -131,7 +132,7 @@ corrections = message(
 )
 
 
-# The values a layer's message stands for, in SI units.
+# SI values of a layer's message.
 
 
 def optional(convert, layer):
@@ -224,7 +225,7 @@ def from_pc_value(layer):
 
 
 def assert_same(a, b, path="message"):
-    """Equal but for the last digits of what was converted."""
+    """Compare, with a tolerance for the last digits of converted values."""
     if isinstance(a, tuple) and isinstance(b, tuple):
         assert len(a) == len(b), path
         if hasattr(a, "_fields"):
@@ -314,14 +315,14 @@ def check_from_pc(data):
 
 
 def says_which_message(data):
-    """Without a type in the header the two sides guess, each its own way."""
+    """Return True if the header has a type; without one layers and codec guess differently."""
     return layers.message_type(data) in (layers.CORRECTION, layers.PATH_CORRECTION)
 
 
 def assert_agree(verdict, reason, data):
-    """A datagram whose bytes one finds broken the other refuses as well.
+    """Check that both refuse a datagram with damaged bytes.
 
-    The codec refuses more: it wants whole messages of finite values.
+    The codec refuses more, because it requires complete messages with finite values.
     """
     broken = isinstance(verdict, MalformedEgmMessage)
     if reason is not None:
@@ -380,7 +381,7 @@ code = st.integers(1, 2**16 - 1)
 
 
 def report_value(layer):
-    """Return a report's value in the codec's types; None where only the codec can tell it."""
+    """Return a report's value in the codec's types; None if only the codec can decode it."""
     convert = {
         hid_layers.TranslationReport: lambda r: reports.Translation(r.x, r.y, r.z),
         hid_layers.RotationReport: lambda r: reports.Rotation(r.rx, r.ry, r.rz),
@@ -448,9 +449,9 @@ def assert_reports_agree(data):
     if expected is None:
         assert isinstance(verdict, hid.MalformedReport), (verdict, data.hex(" "))
     elif isinstance(layer, hid_layers.BatteryReport) and layer.percent > 100:
-        pass  # readable, but no percentage: the codec may refuse it
+        pass  # Readable, but no percentage: the codec may refuse it.
     elif isinstance(layer, hid_layers.ButtonReport):
-        # The largest button report there is has 48 bits; what a longer one means is open.
+        # The largest known button report has 48 bits; a longer one is undefined.
         assert verdict.mask == expected.mask & (1 << 48) - 1, data.hex(" ")
     else:
         assert verdict == expected, data.hex(" ")

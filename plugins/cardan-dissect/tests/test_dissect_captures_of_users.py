@@ -1,4 +1,5 @@
-"""Captures as users bring them: cut, compressed, from pipes, in pieces, of every interface."""
+"""Captures as users record them: cut, compressed, from pipes, in several files, of all
+interfaces."""
 
 import io
 import os
@@ -25,7 +26,7 @@ HEAD = struct.Struct("<IIII")
 
 @pytest.fixture(scope="module")
 def rtde(tmp_path_factory):
-    """A session of RTDE as a capture, with nanoseconds and raw IP."""
+    """Return a capture of an RTDE session with nanoseconds and raw IP."""
     suite = registry.load("ur-rtde")
     _, timeline = simulated(suite, Level.LISTEN)
     path = tmp_path_factory.mktemp("captures") / "rtde.pcap"
@@ -201,7 +202,7 @@ def test_frames_of_can_are_taken_out_of_captures_of_any_interface():
 
 
 def egm_twice(tmp_path, interfaces):
-    """Datagrams of EGM, each seen on every one of `interfaces`, one after the other."""
+    """Return EGM datagrams, each captured on every one of `interfaces` in sequence."""
     from cardan.conform.attachments import _ip
     from cardan.protocols.egm.encode import encode_sensor
     from cardan.protocols.egm.messages import EgmHeader, EgmMotion, EgmSensor

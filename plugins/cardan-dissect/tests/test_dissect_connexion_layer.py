@@ -1,4 +1,4 @@
-"""The 3Dconnexion layers against worked reports, in both directions, and against damage."""
+"""The 3Dconnexion layers: worked reports, in both directions, and damaged ones."""
 
 import pytest
 from hypothesis import given, strategies as st

@@ -1,4 +1,4 @@
-"""The EGM layers against worked datagrams, in both directions, and against damage."""
+"""The EGM layers: worked datagrams, in both directions, and damaged ones."""
 
 import math
 import struct
@@ -373,7 +373,7 @@ def test_every_truncation_is_dissected_and_builds_back(name):
         cut = type(message)(data[:size])
         list(remarks(cut))
         assert repr(cut)
-        if size:  # scapy does not dissect nothing
+        if size:  # scapy does not dissect empty bytes.
             assert bytes(cut) == data[:size]
 
 

@@ -1,4 +1,4 @@
-"""EGM in a capture, read by likeness with a datagram before, held against reading each alone."""
+"""EGM in a capture, read by comparison with the previous datagram: equal to separate reading."""
 
 import pytest
 from hypothesis import given, settings, strategies as st

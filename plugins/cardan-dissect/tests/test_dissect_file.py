@@ -1,4 +1,4 @@
-"""Whole captures: output, counts, and errors for files that are no captures."""
+"""Whole captures: output, counts, and errors for files that are no capture."""
 
 import gzip
 import io
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.matrix
 START_S = 1_700_000_000
 PERIOD_S = 0.004
 CONTROLLER, PC = ("10.0.0.1", 50123), ("10.0.0.2", EGM_PORTS[0])
-# With addresses, so that scapy does not go and ask the network for them.
+# With addresses, so that scapy does not resolve them on the network.
 ETHER = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
 ETHERTYPE_ONLY = Ether(src=ETHER.src, dst=ETHER.dst, type=0x800)
 FIVE_JOINTS = [0.0] * 5
@@ -280,7 +280,7 @@ def pcapng_blocks(*blocks, order="<"):
 
 
 def as_pcapng(pcap):
-    """The same packets in the other format; older scapy writes no other link type there."""
+    """Convert to pcapng; older scapy cannot write other link types."""
     link_type, at_byte = struct.unpack_from("<I", pcap, 20)[0], 24
     blocks = [
         (0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)),
@@ -381,7 +381,7 @@ def test_pcapng_by_hand(tmp_path, order):
     assert counts.messages["EGM"] == 3
     assert "capture starts 2023-11-14 22:13:20.500000 UTC" in text
     assert "#2 0.250000 " in text
-    assert "#3 0.250000 " in text  # a simple block has no time of its own
+    assert "#3 0.250000 " in text  # A simple packet block has no time stamp.
     path.write_bytes(
         data + pcapng_blocks((6, struct.pack(f"{order}5I", 7, 0, 0, 0, 0)), order=order)
     )
@@ -495,7 +495,7 @@ INTERRUPT, CONTROL = 1, 2
 
 
 def urb(data=b"", *, event=COMPLETE, transfer=INTERRUPT, endpoint=0x81, status=0, **more):
-    """A usbmon record: setup, device, urb_id, header_bytes, order in `more`."""
+    """Return a usbmon record; `more`: setup, device, urb_id, header_bytes, order."""
     setup = more.get("setup")
     order = more.get("order", "<")
     header = struct.pack(
@@ -597,7 +597,7 @@ def test_usb_device_without_descriptor_is_known_by_its_motion(usb_capture):
     counts, text = read(usb_capture(mouse + wheel + split + one))
     assert counts.messages["3Dconnexion"] == 4
     assert counts.other_packets == 5
-    assert "USB 1.5 endpoint 1 IN ButtonBits | mask 3" in text  # held until the device was known
+    assert "USB 1.5 endpoint 1 IN ButtonBits | mask 3" in text  # held until identified
     assert "3Dconnexion USB 1.5 endpoint 1 IN: by the look of its reports" in text
     assert "endpoint 1 IN MotionReport | x -210 | y 33 | z -1 | rx 350 | ry -350 | rz 128" in text
     assert "USB 1.7" not in text

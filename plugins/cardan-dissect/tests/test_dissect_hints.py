@@ -24,7 +24,7 @@ pytestmark = pytest.mark.matrix
 
 KNOWN = (*EGM_PORTS, JOINT_STREAM_PORT, *SIMPLE_MESSAGE_PORTS, *RTDE_PORTS)
 MOVED = 10_000
-"""Offset of the ports, so that none is a known one."""
+"""Offset that moves the ports away from the known ones."""
 HEAD = struct.Struct("<IIII")
 CLIENT, SERVER = bytes((10, 0, 0, 1)), bytes((10, 0, 0, 2))
 
@@ -37,7 +37,7 @@ def ip(source, destination, protocol, payload):
 
 
 def written(path, packets):
-    """Packets of raw IP, a millisecond after each other."""
+    """Return packets of raw IP, 1 ms apart."""
     start = struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 262_144, network.RAW)
     listed = (
         HEAD.pack(n // 1000, n % 1000 * 10**6, len(p), len(p)) + p for n, p in enumerate(packets)
@@ -47,7 +47,7 @@ def written(path, packets):
 
 
 def moved(data):
-    """The packet with ports that nobody knows."""
+    """Move the packet to unknown ports."""
     at = (data[0] & 15) * 4
     ports = struct.unpack_from(">HH", data, at)
     return (
@@ -72,7 +72,7 @@ def session(tmp_path, name):
 
 
 def reads_as_it_says(path, lines, name):
-    """Give the command the options of the hints: every flow is read, and no hint is left."""
+    """Apply the options of the hints: every flow is decoded, and no hint is left."""
     given = {}
     for line in lines:
         assert f"looks like {name}, " in line
@@ -137,7 +137,7 @@ def udp(payload, source=40000, destination=40001):
 
 
 def talk(*said, source=40000, destination=40001):
-    """A connection on which the client, the server, the client ... say something."""
+    """Return a connection on which client and server send in turns."""
     places, packets = [1, 1], []
     for flags, turn in ((0x02, 0), (0x12, 1)):
         ends = (source, destination) if turn == 0 else (destination, source)

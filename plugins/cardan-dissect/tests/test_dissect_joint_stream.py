@@ -1,4 +1,4 @@
-"""The joint stream described twice, and its lines in a capture."""
+"""Two descriptions of the joint stream, and its lines in a capture."""
 
 import io
 import math
@@ -32,7 +32,7 @@ mode = st.sampled_from([layers.HOLD, layers.POSITION, layers.VELOCITY, layers.TO
 
 
 def worked():
-    """The datagrams under "Worked bytes": a command, then a state."""
+    """Datagrams under "Worked bytes": a command, then a state."""
     page = PAGE.read_text(encoding="utf-8")
     section = page.partition("### Worked bytes")[2].partition("\n#")[0]
     blocks = re.findall(r"```\n(.*?)```", section, re.DOTALL)
@@ -119,7 +119,7 @@ def command_value(layer):
 
 
 def assert_agreed(data):
-    """Both descriptions read the same values from `data`, or both refuse it."""
+    """Check that both descriptions read the same values from `data`, or both refuse it."""
     layer = JointStream(data)
     reason = malformed(layer)
     state = None if reason or not isinstance(layer, JointStreamState) else state_value(layer)

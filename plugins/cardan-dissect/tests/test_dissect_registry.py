@@ -1,4 +1,4 @@
-"""Dissectors declare themselves: the built-in ones, and those of other packages."""
+"""Registration of dissectors: the built-in ones, and those of other packages."""
 
 import io
 import re

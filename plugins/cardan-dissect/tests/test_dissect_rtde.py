@@ -1,4 +1,4 @@
-"""RTDE described twice, and its lines and figures in a capture."""
+"""Two descriptions of RTDE, and its lines and figures in a capture."""
 
 import math
 import struct
@@ -191,7 +191,7 @@ def segments(parts, source, destination, start=1000):
 
 
 def fed(listed, period_s=0.002):
-    """Lines without their addresses, and what is said in the end."""
+    """Return the lines without addresses, and the final summary."""
     return streaming.fed(streaming.opened(Rtde), listed, period_s)
 
 

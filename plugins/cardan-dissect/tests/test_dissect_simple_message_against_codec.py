@@ -1,4 +1,4 @@
-"""Simple message described twice: the codec against the scapy layers, both from the reference."""
+"""Two descriptions of simple message, both from the reference: the codec and the scapy layers."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ COUNTED = {
     RtJointState: lambda b: (b.message_id, b.mode, len(b.states), b.states),
     RtJointCommand: lambda b: (b.message_id, len(b.commands), b.commands),
 }
-"""Bodies whose number of groups is on the wire and not in the value."""
+"""Bodies whose number of groups is part of the message but not of the value."""
 
 
 @pytest.mark.parametrize("wire", WIRES, ids=lambda w: f"{w.byte_order.name}-{w.real_bytes}")

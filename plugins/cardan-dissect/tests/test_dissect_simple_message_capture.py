@@ -1,4 +1,4 @@
-"""Simple message in captures: streams put together, figures, and a real controller."""
+"""Simple message in captures: reassembled streams, figures, and a real controller."""
 
 import io
 import re
@@ -30,7 +30,7 @@ def segments(parts, start=2**32 - 100, source=CONTROLLER, destination=CLIENT):
 
 
 def fed(listed, period_s=0.001):
-    """Lines without their addresses, and what is said in the end."""
+    """Return the lines without addresses, and the final summary."""
     lines, said = streaming.fed(streaming.opened(SimpleMessage), listed, period_s)
     return lines, "\n".join(said)
 
@@ -90,7 +90,7 @@ def test_a_gap_is_named_and_reading_goes_on_at_a_message():
     assert lines[1].startswith("ROBOT_STATUS TOPIC")
     assert "  7 messages" in said
     assert "gaps 1 (300 B missing)" in said
-    # When a message came counts, not when the hole was given up.
+    # The arrival time counts, not the time when the gap was given up.
     assert "  ROBOT_STATUS TOPIC x4, period mean 600.000 min 600.000 max 600.000 ms" in said
 
 
@@ -115,7 +115,7 @@ def test_a_first_segment_may_be_shorter_than_a_prefix(first, order):
     expected, _ = fed(segments(messages))
     lines, _ = fed(segments([stream[:first], stream[first:200], stream[200:]]))
     assert lines == expected
-    # Or the end of a message that began before.
+    # It may also be the end of an earlier message.
     lines, said = fed(segments([b"\xff" * first, stream]))
     assert lines == [f"SKIPPED {first} bytes that begin no message", *expected]
     assert f"gaps 0 skipped {first} B" in said

@@ -1,4 +1,4 @@
-"""The layers of simple message: worked bytes, every layer both ways, and bytes that are none."""
+"""The layers of simple message: worked bytes, every layer in both directions, and invalid bytes."""
 
 import struct
 

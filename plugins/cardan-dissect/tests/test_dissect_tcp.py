@@ -1,4 +1,4 @@
-"""TCP streams put together, whatever the capture did to their segments."""
+"""Reassembly of TCP streams from captures with missing, repeated, cut and reordered segments."""
 
 import itertools
 

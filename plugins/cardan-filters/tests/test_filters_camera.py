@@ -115,7 +115,7 @@ def test_an_advance_is_never_faster_and_turns_no_more_than_its_gain(linear, x, y
 
 @given(st.floats(-0.9, 0.9), st.floats(-0.9, 0.9), angles)
 def test_turning_brings_the_target_to_the_middle(x, y, rpy_deg):
-    """A far target drifts in the image against the camera's turn, whatever way it is mounted."""
+    """A distant target moves in the image opposite to the camera's turn, for any mounting."""
     made = camera(f"{x:.6f} {y:.6f}".encode(), camera_rpy_deg=rpy_deg)
     mounted = from_euler_zyx(*map(math.radians, rpy_deg))
     axis = rotate(mounted, Vector3(0.0, 0.0, 1.0))

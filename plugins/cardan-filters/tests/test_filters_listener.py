@@ -1,4 +1,5 @@
-"""The sockets: never waits, reads a bounded amount, never takes an old datagram for a new one."""
+"""The sockets: reading never blocks, is limited in size, and never returns an old datagram as
+new."""
 
 import os
 import socket
@@ -20,7 +21,7 @@ from cardan_filters.readings import MAX_DATAGRAM_BYTES, Malformed
 
 
 class Sensor:
-    """A listener on a free port, and who sends to it. Loopback delivers within sendto()."""
+    """A listener on a free port, and a sender. Loopback delivers within sendto()."""
 
     def __init__(self):
         self.taken = []
@@ -134,7 +135,7 @@ class TestUnixSocket:
 
     @pytest.fixture
     def heard(self, path):
-        """Datagrams and senders that a listener at the path has received, when drained."""
+        """Drain a listener at the path; return the received datagrams and senders."""
         taken = []
         listener = DatagramListener(path, lambda *datagram: taken.append(datagram))
         before = os.umask(0)

@@ -1,4 +1,4 @@
-"""The filters are found and whole, and the page on shared control is held against them."""
+"""Registration of the filters, and comparison of the page on shared control with them."""
 
 import dataclasses
 from pathlib import Path

@@ -185,14 +185,14 @@ SKIN, OTHER = Sender("", 100), Sender("127.0.0.1", 50000)
 
 
 class Senders:
-    """A filter in virtual time: what each sender says, 20 times a second, and what comes of it."""
+    """A filter in virtual time: each sender repeats its reading 20 times a second."""
 
     def __init__(self, **options):
         self.filter = guard(**options)
         self.now_s = 10.0
 
     def run(self, seconds, says, asked=ASKED):
-        """The motion after `seconds` in which every sender says what it has."""
+        """Return the motion after `seconds` in which every sender repeats its reading."""
         for tick in range(round(seconds / 0.004)):
             self.now_s += 0.004
             if tick % 12 == 0:

@@ -1,4 +1,5 @@
-"""A whole session with filters: opened before the robot, obeyed, shown, and closed after."""
+"""A whole session with filters: opened before the robot, applied, shown, and closed after the
+robot."""
 
 import socket
 import subprocess

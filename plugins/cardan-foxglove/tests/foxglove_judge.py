@@ -1,6 +1,6 @@
-"""A client written from the text of Foxglove's protocol as the judge of a sweep: `python -m
-foxglove_judge PORT cdr|json < PLAN`. Commands are published in that encoding; the
-protocol has no actions.
+"""Client written from the text of Foxglove's protocol, as the judge of a sweep: `python -m
+foxglove_judge PORT cdr|json < PLAN`. Commands are published in that encoding; the protocol has no
+actions.
 """
 
 import json
@@ -18,18 +18,18 @@ RESULT_TYPE = "cardan_msgs/msg/CommandResult"
 
 
 def encoded(type_name, given):
-    """In CDR."""
+    """Return the message in CDR."""
     return codec_of(type_name).encode(completed(type_name, given))
 
 
 class Ears:
-    """Hears each topic once, and all results."""
+    """Subscribes to each topic once, and collects all results."""
 
     def __init__(self, client, hear):
         self.client, self.heard, self.new = client, {}, []
         self.types = {**dict(hear), RESULT: RESULT_TYPE}
         self.missing = set(dict(hear))
-        # A client subscribes to a channel but once.
+        # A client subscribes to a channel only once.
         self.names = {client.subscribe(name): name for name in self.types}
 
     def listen(self, timeout_s=0.0):
@@ -52,7 +52,7 @@ class Ears:
             self.client.unsubscribe(number)
 
     def take_results(self):
-        """Those that have come since."""
+        """Return the messages received since the last call."""
         self.listen()
         found, self.new = self.new, []
         return found

@@ -1,4 +1,4 @@
-"""A Foxglove server in a thread of its own, and a client written from the protocol's text."""
+"""A Foxglove server in a thread, and a client written from the protocol's text."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tests.gateway.servers.bench import WAIT_S, served
 
 
 def foxglove_server(network, **options):
-    """A Foxglove server of `network` at a free port."""
+    """Run a Foxglove server of `network` at a free port."""
     return served(lambda: FoxgloveServer(network, FoxgloveOptions(**{"port": 0, **options})))
 
 
 class FoxgloveClient:
-    """Client written from the protocol's text: numbers of its own, JSON and opcodes.
+    """Client written from the protocol's text, with its own ids, JSON and opcodes.
 
-    `channels` and `services` are those that the server advertises, by name.
+    `channels` and `services` have the server's advertisements by name.
     """
 
     def __init__(self, connection):
@@ -73,7 +73,7 @@ class FoxgloveClient:
         }
 
     def until(self, true=lambda said: True, **fields):
-        """The next frame with these fields, within WAIT_S; others are kept in `heard`."""
+        """Return the next frame with these fields, within WAIT_S; others are kept in `heard`."""
         for index, said in enumerate(self.heard):
             if fields.items() <= said.items() and true(said):
                 return self.heard.pop(index)
@@ -85,7 +85,7 @@ class FoxgloveClient:
             self.heard.append(said)
 
     def drained(self, timeout_s=0.0):
-        """All frames that have come, after a wait for the first one of at most this long."""
+        """Return all received frames after waiting at most this long for the first one."""
         with suppress(TimeoutError):
             if not self.heard:
                 self.heard.append(self._next(timeout_s))
@@ -95,7 +95,7 @@ class FoxgloveClient:
         return found
 
     def channel(self, topic):
-        """Return the server's advertisement of a topic, as soon as there is one."""
+        """Return the server's advertisement of a topic as soon as it arrives."""
         self._keep_until(lambda: topic in self.channels)
         return self.channels[topic]
 
@@ -104,13 +104,13 @@ class FoxgloveClient:
         return self.services[name]
 
     def _keep_until(self, true):
-        """Keep what comes in `heard`, until something is true; at most WAIT_S."""
+        """Collect frames in `heard` until the condition holds; at most for WAIT_S."""
         end_s = time.monotonic() + WAIT_S
         while not true():
             self.heard.append(self._next(end_s - time.monotonic()))
 
     def settle(self):
-        """Come back when the server has done all that was sent before."""
+        """Return after the server has processed everything sent before."""
         number = 4_000_000_000 + next(self.numbers)
         self.send("subscribe", subscriptions=[{"id": number, "channelId": number}])
         self.status(f"Unknown channel ID: {number}")
@@ -119,7 +119,7 @@ class FoxgloveClient:
         self.send("getParameters", parameterNames=["/nobody.x"], id=identity)
         self.until(op="parameterValues", id=identity)
 
-    # -- what a client does ----------------------------------------------------------------------
+    # -- requests of a client --------------------------------------------------------------------
 
     def subscribe(self, topic):
         number = next(self.numbers)
@@ -143,7 +143,7 @@ class FoxgloveClient:
         self.connection.send(b"\x01" + struct.pack("<I", number) + data)
 
     def call(self, name, data, encoding=b"cdr"):
-        """The answer, or the failure."""
+        """Return the answer or the failure."""
         number = next(self.numbers)
         header = struct.pack("<III", self.service(name)["id"], number, len(encoding))
         self.connection.send(b"\x02" + header + encoding + data)
@@ -167,7 +167,7 @@ class FoxgloveClient:
         return SimpleNamespace(**self.until(op="asset", request=number))
 
     def status(self, words):
-        """The next status with these words."""
+        """Return the next status whose message contains these words."""
         return self.until(lambda said: words in said["message"], op="status")
 
 

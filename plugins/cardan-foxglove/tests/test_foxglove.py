@@ -1,4 +1,4 @@
-"""The Foxglove server, on a network within the test, heard by a client of our own."""
+"""The Foxglove server on an in-process network, with our own client."""
 
 from __future__ import annotations
 
@@ -198,7 +198,9 @@ def test_a_client_publishes_cdr_as_it_is_and_json(network, client):
     until(lambda: network.published)
     _, message = network.published.pop()
     assert message["twist"]["linear"]["x"] == 0.25
-    assert message["header"]["stamp"]["sec"] > 1_000_000_000, "a missing stamp is now"
+    assert message["header"]["stamp"]["sec"] > 1_000_000_000, (
+        "a missing stamp is set to the present time"
+    )
 
 
 def test_an_advertisement_ends_with_the_last_of_its_topic(network, client):
@@ -259,7 +261,7 @@ def test_messages_that_are_none_are_asked_to_the_client(network, client, encodin
 
 def test_a_flood_is_cut_off(network, running, monkeypatch):
     monkeypatch.setattr(module, "MAX_PUBLICATIONS_PER_S", 50)
-    network.send = lambda *_given: None  # It would hear itself.
+    network.send = lambda *_given: None  # Otherwise the server would receive its own messages.
     with foxglove_client(running) as client:
         number = client.advertise("/x", STRING)
         for _ in range(1000):
@@ -267,7 +269,7 @@ def test_a_flood_is_cut_off(network, running, monkeypatch):
         client.status("more than 50 messages in a second; the others are lost")
         client.settle()
         assert len(network.published) < 1000
-        assert len([each for each in client.heard if each["op"] == "status"]) < 10, "told once"
+        assert len([each for each in client.heard if each["op"] == "status"]) < 10, "reported once"
 
 
 def test_what_is_no_operation_is_reported_and_ends_nothing(client):
@@ -313,7 +315,7 @@ def test_a_call_that_fails_says_why(network):
 
 
 def test_a_call_that_waits_stops_nobody(network, running):
-    """The SDK has as many threads as the machine has cores: none of them may wait for a node."""
+    """The SDK has one thread per core: none may wait for a node."""
     waiting = threading.Event()
     network.offer("/mute", TRIGGER, lambda request: waiting.set())
     kind = "rcl_interfaces/srv/ListParameters"
@@ -363,7 +365,7 @@ def test_parameters_are_got_by_name_and_all_at_once(parameters, client):
     assert found["/arm.gains"] == {"type": "float64_array", "value": [1.0, 2.5]}
     assert found["/arm.names"] == {"value": ["a", "b"]}
     assert found["/arm.fixed"] == {"value": True}
-    assert "/arm.odd" not in found, "JSON has no number for it"
+    assert "/arm.odd" not in found, "JSON has no such number"
 
 
 def test_parameters_are_set_and_what_they_are_then_is_answered(parameters, client):
@@ -484,11 +486,11 @@ def test_meshes_of_a_package_and_nothing_else(network, package):
             assert not refused.data, uri
 
 
-# -- who comes in ---------------------------------------------------------------------------------
+# -- access control -------------------------------------------------------------------------------
 
 
 def refusal(running, path="/", **options):
-    """The status of a request that is refused."""
+    """Return the HTTP status of a refused request."""
     options = {"subprotocols": ["foxglove.sdk.v1"], **options}
     with (
         pytest.raises(InvalidStatus) as refused,
@@ -513,7 +515,7 @@ def test_the_front_has_rosbridges_rules(network, caplog):
 
 
 def hidden(running):
-    """Where the server of the SDK is of the only client."""
+    """Return the SDK's server for the only client."""
     (client,) = running.server._clients
     return client
 
@@ -557,7 +559,7 @@ def test_who_finds_the_way_behind_the_front_gets_nothing(network, running, does)
 
 
 class Parts(MemoryNetwork):
-    """A network whose parts are noted."""
+    """A network that records the parts opened and closed."""
 
     def __init__(self):
         super().__init__()
@@ -627,7 +629,7 @@ def test_a_client_that_reads_slowly_harms_nobody_and_gets_the_newest(network, ru
 
 
 def test_all_that_is_latched_waits_for_a_slow_client(network, running):
-    """Each publisher of /tf_static has a last message of its own."""
+    """Each publisher of /tf_static has its own last message."""
     network.latch("/tf_static", "tf2_msgs/msg/TFMessage")
     with foxglove_client(running) as client:
         number = client.subscribe("/tf_static")
@@ -659,7 +661,7 @@ def test_an_asset_that_is_read_slowly_closes_nobody(network, package, tmp_path):
 
 
 def test_what_is_large_leaves_room_for_pings(network, package):
-    """A mesh takes a while over a radio link; a ping behind it would find the client gone."""
+    """A mesh takes long over a radio link; a ping queued behind it would time out."""
     with open(f"{package}/meshes/big.stl", "wb") as file:
         file.write(bytes(3_000_000))
     with (

@@ -1,6 +1,6 @@
 """Attempts of unauthorized clients at the Foxglove server; docs/safety-and-access.md.
 
-The tests are those of the other servers; which of them are ``real`` there are in the matrix here.
+The tests are those of the other servers; those marked ``real`` there are marked ``matrix`` here.
 """
 
 from __future__ import annotations

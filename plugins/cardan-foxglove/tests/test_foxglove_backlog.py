@@ -18,7 +18,7 @@ pytestmark = pytest.mark.matrix
 
 def test_what_waited_at_foxglove_is_dropped():
     network = MemoryNetwork()
-    network.send = lambda *_given: None  # It would hear itself.
+    network.send = lambda *_given: None  # Otherwise the server would receive its own messages.
     with foxglove_server(network) as running, foxglove_client(running) as client:
         number = client.advertise("/cmd", TWIST)
         until(lambda: network.publishers)

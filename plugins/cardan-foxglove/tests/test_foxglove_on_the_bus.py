@@ -31,7 +31,7 @@ def encoded(name, **fields):
 
 
 class Served:
-    """The server as ``cardan net server foxglove`` serves it, in a thread."""
+    """Run the server like ``cardan net server foxglove``, in a thread."""
 
     def __init__(self, endpoint):
         self.options = FoxgloveServerOptions(
@@ -60,7 +60,7 @@ class Served:
 
 @pytest.fixture
 def robot_and_server():
-    """The node of a robot, and the server, which have met."""
+    """A robot's node and the server, after they have discovered each other."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -86,7 +86,7 @@ def test_a_client_meets_a_node_on_the_bus(robot_and_server):
     offered = []
 
     class Offering:
-        """The robot's services, as nodes within a test offer them."""
+        """Services of the robot, with the interface of nodes within a test."""
 
         def offer(self, service, type_name, answer):
             kind = f"{type_name}_Request", f"{type_name}_Response"
@@ -106,7 +106,7 @@ def test_a_client_meets_a_node_on_the_bus(robot_and_server):
         number = client.subscribe("/tf")
         transform = {"child_frame_id": "tool0", "transform": {"translation": {"z": 0.5}}}
         sent = encoded(TF, transforms=[transform])
-        # A subscription is in the graph a moment before messages reach it.
+        # A subscription appears in the graph slightly before messages reach it.
         until(lambda: "/foxglove" in robot.topics()["/tf"].subscribers)
         over = threading.Event()
 
@@ -132,7 +132,7 @@ def test_a_client_meets_a_node_on_the_bus(robot_and_server):
         client.set(name="/arm.speed", value=0.25)
         assert parameters.values["speed"]["double_value"] == 0.25
         assert client.get()[0]["value"] == 0.25
-    # A motion without end that the client asked for ends because its node has left the bus.
+    # An endless motion requested by the client ends because its node has left the bus.
     until(lambda: "/foxglove_client_1" not in robot.nodes())
     until(lambda: "/foxglove_client_1" not in robot.topics()["/cmd"].publishers)
     for each in (stop, listening, moving, description, *offered):

@@ -1,4 +1,4 @@
-"""The Foxglove protocol's frames: decoding, and parameters both ways."""
+"""Frames of the Foxglove protocol: decoding, and parameters in both directions."""
 
 from __future__ import annotations
 

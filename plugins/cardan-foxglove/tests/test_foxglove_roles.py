@@ -25,7 +25,7 @@ def foxglove(network, token_file):
 
 
 def said(client, words):
-    """Wait for a reason that the client is told."""
+    """Wait for a reason to reach the client."""
     client.until(lambda frame: words in str(frame))
 
 

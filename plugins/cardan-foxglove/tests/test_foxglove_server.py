@@ -1,4 +1,4 @@
-"""The Foxglove server as a server of Cardan's: its command, the daemon's files, and the doctor."""
+"""Integration of the Foxglove server in Cardan: command, daemon files, and doctor."""
 
 from __future__ import annotations
 

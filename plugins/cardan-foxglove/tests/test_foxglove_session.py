@@ -1,4 +1,4 @@
-"""A session, ``cardan net server foxglove`` and a client in processes of their own."""
+"""A session, ``cardan net server foxglove`` and a client in separate processes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MOVE = "cardan_msgs/srv/MoveTwist"
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    """Where the server serves."""
+    """Run the server; return its address."""
     endpoint = free_endpoint()
     path = tmp_path_factory.mktemp("foxglove") / "session.toml"
     path.write_text(ARM_SESSION.format(endpoint=endpoint))
@@ -99,7 +99,7 @@ def test_a_motion_without_end_ends_with_the_client_that_asked_for_it(server):
             assert codec_of(f"{MOVE}_Response").decode(answer["data"])["success"], answer
             watcher.until(lambda said: decoded(STATUS, said)["moving"], subscription=status)
             watcher.heard.clear()
-            for _ in range(25):  # Half a second, as long as the client is there.
+            for _ in range(25):  # Half a second, while the client is connected.
                 assert decoded(STATUS, watcher.message(status))["moving"]
             reset = struct.pack("ii", 1, 0)
             client.connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)

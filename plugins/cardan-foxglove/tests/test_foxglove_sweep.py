@@ -1,4 +1,4 @@
-"""Everything that a session has on the network is heard, and answers, by the Foxglove server."""
+"""All topics and services of a session, used through the Foxglove server."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ FOXGLOVE = (sys.executable, str(Path(__file__).with_name("foxglove_judge.py")))
 
 @pytest.fixture(scope="module")
 def foxglove(session):
-    """The Foxglove server beside the session, in a process of its own."""
+    """The Foxglove server for the session, in a separate process."""
     with served(
         "net", "server", "foxglove", "--router", session.endpoint, "--port", "0"
     ) as endpoint:
         yield SimpleNamespace(port=int(endpoint.rpartition(":")[2]))
 
 
-# Actions are not in Foxglove's protocol; its services are called in CDR only.
+# Foxglove's protocol has no actions; its services use CDR only.
 @pytest.mark.shown_on(
     transport="Foxglove",
     by="own client",
@@ -55,7 +55,7 @@ def test_every_parameter_is_read_and_set_by_foxglove(session, foxglove):
         client.service(f"{NODE}/set_parameters_atomically")
         found = [each for each in client.get() if each["name"].startswith(f"{NODE}.")]
         names = {f"{NODE}.{each.name}" for each in PARAMETERS}
-        # That one is read only.
+        # This one is read-only.
         assert {each["name"] for each in found} == names | {f"{NODE}.use_sim_time"}
         found = [each for each in found if each["name"] in names]
 
@@ -65,5 +65,5 @@ def test_every_parameter_is_read_and_set_by_foxglove(session, foxglove):
                 assert client.set(**each) == [each]
             return not [said for said in client.heard if said["op"] == "status"]
 
-        # The client that commanded before keeps the arm for its lease.
+        # The previous client keeps its authority until the end of the lease.
         until(all_are_set, "every parameter is set")

@@ -1,4 +1,4 @@
-"""Two clients of the Foxglove server that stream at once: one moves the arm."""
+"""Two clients of the Foxglove server that stream at once: only one moves the arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A JR3 driver's core and a simulated sensor on a perfect bus, in virtual time."""
+"""A JR3 driver's core and a simulated sensor on an ideal bus, in virtual time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STEP_S = 0.001
 
 
 class Bench:
-    """Times are s from power-on; `run` moves them in steps of a millisecond."""
+    """Driver core and board. Times are s from power-on; `run` advances in steps of 1 ms."""
 
     def __init__(
         self, options: Jr3Options | None = None, *, faults: dict[str, float] | None = None, **board
@@ -25,19 +25,19 @@ class Bench:
         self.core = Jr3Core(options or Jr3Options())
         self.now_s = 0.0
         self.sent: list[CanFrame] = []
-        """Frames that the driver sent."""
+        """Frames sent by the driver."""
         self.states: list[DeviceState] = []
         self.each: Callable[[], None] = lambda: None
         self.mangle: Callable[[CanFrame], CanFrame | None] = lambda frame: frame
-        """Change of the board's frames by the bus; None: it loses them."""
+        """Modification of the board's frames on the bus; returns None to lose one."""
         self.master_period_s = 0.0
-        """Of a bus master's SYNC; 0: there is none."""
+        """Period of a bus master's SYNC; 0: no master."""
 
     def open(self) -> None:
         self.core.on_opened(self.now_s)
 
     def run(self, seconds: float) -> DeviceState:
-        """The state after `seconds`; those on the way are in `states`."""
+        """Run for `seconds`; return the last state. All are in `states`."""
         self.states.clear()
         for _ in range(round(seconds / STEP_S)):
             self.step()

@@ -1,4 +1,4 @@
-"""The simulated JR3 board in virtual time: behavior of the real one, and faults."""
+"""The simulated JR3 board in virtual time: the real board's behavior, and faults."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ SCALES = jr3.TEO_SENSORS["right-hand"]
 
 
 class Host:
-    """A client of the board: times what comes back."""
+    """Client of the board that records the times of its messages."""
 
     def __init__(self, **options):
         options.setdefault("boot_s", 0.0)
@@ -68,7 +68,7 @@ def test_it_reports_its_boot_and_is_not_ready_before():
     assert len(scales.full_scales) == 3
     boots = [(t, m) for t, m in host.run(2.0) if isinstance(m, jr3.Bootup)]
     assert [t for t, _ in boots] == [pytest.approx(2.0, abs=1e-3)]
-    assert host.samples(0.1) == ([], [])  # the start was not taken
+    assert host.samples(0.1) == ([], [])  # The start command was ignored.
     assert host.answers(jr3.GetState()) == [jr3.Ack(0)]
 
 
@@ -109,7 +109,7 @@ def test_it_sends_by_its_own_clock():
 def test_the_counter_counts_samples_and_wraps():
     host = started(period_us=1000, faults={"counter": 65000.0})
     forces, moments = host.samples(1.0)
-    if forces[0].counter != moments[0].counter:  # it began within a pair
+    if forces[0].counter != moments[0].counter:  # Acquisition began within a pair.
         forces, moments = forces[:-1], moments[1:]
     assert [m.counter for m in moments] == [f.counter for f in forces]
     steps = [jr3.samples_between(b.counter, a.counter) for a, b in itertools.pairwise(forces)]
@@ -222,7 +222,7 @@ def test_other_nodes_are_not_its_concern():
     host.board.receive(0x422, b"", host.now_s)
     host.board.receive(0x7E1 & 0x780 | 34, b"", host.now_s)
     assert host.run(0.01) == []
-    host.board.receive(0x021, b"", host.now_s)  # no opcode that it knows
+    host.board.receive(0x021, b"", host.now_s)  # an unknown opcode
     assert host.run(0.01) == []
     assert host.board.ignored == 1
 
@@ -391,7 +391,7 @@ def test_wrong_faults_and_loads_are_named():
 
 
 def bits(frames):
-    """On the bus, with as many stuff bits as there can be."""
+    """Return the length on the bus, with the maximum number of stuff bits."""
     sizes = [len(frame.data) for frame in frames]
     return sum(47 + 8 * size + (33 + 8 * size) // 4 for size in sizes)
 
@@ -407,7 +407,7 @@ def test_no_period_floods_the_bus(payload, faults):
     assert 0.9e6 < bits(frames) <= 1e6
     counters = [m.counter for f in frames if isinstance(m := jr3.decode_from_board(*f), jr3.Forces)]
     steps = [jr3.samples_between(b, a) for a, b in itertools.pairwise(counters)]
-    assert sum(steps) == pytest.approx(1.0 / jr3.SAMPLE_PERIOD_S, rel=0.01)  # no backlog grows
+    assert sum(steps) == pytest.approx(1.0 / jr3.SAMPLE_PERIOD_S, rel=0.01)  # No backlog grows.
 
 
 def test_no_number_of_requests_floods_the_bus():

@@ -20,7 +20,7 @@ def opcodes(bench):
     return [frame.arbitration_id & ~0x7F for frame in bench.sent]
 
 
-# -- the way up ------------------------------------------------------------------------------------
+# -- start-up --------------------------------------------------------------------------------------
 
 
 def test_it_is_brought_up_one_request_at_a_time():
@@ -59,7 +59,7 @@ def test_zero_waits_for_the_filter_of_the_board():
     assert Opcode.ZERO_OFFS not in opcodes(bench)
     state = bench.run(1.0)
     assert state.link is DeviceLink.LIVE
-    # Five time constants: what was missing of the step is below one per cent.
+    # After five time constants less than 1 % of the step is missing.
     assert max(map(abs, state.wrench.force)) < 0.01 * 8.6
 
 
@@ -171,7 +171,7 @@ def test_full_scales_of_zero_are_not_believed():
     assert "(115, 0, 185)" in state.reason
 
 
-# -- what it measures ------------------------------------------------------------------------------
+# -- measurement -----------------------------------------------------------------------------------
 
 
 def test_the_hand_deflects_the_axes_beyond_the_dead_bands():
@@ -301,7 +301,7 @@ def test_zero_takes_away_what_is_measured_now():
     assert bench.core.zeros == due
     assert state.link is DeviceLink.LIVE
     assert state.wrench.force == pytest.approx((0, 0, 0), abs=0.01)
-    # Never live on the way with anything but rest.
+    # On the way, live states are at rest only.
     assert {state.axes for state in bench.states} == {REST}
 
 
@@ -343,12 +343,12 @@ def test_zero_needs_a_running_sensor():
 
 
 def test_the_sample_of_zeros_after_a_zero_is_no_rest():
-    """A push that is there when zero is taken and goes on growing never makes the link live."""
+    """A push that is zeroed and then grows never makes the link live."""
     bench = Bench(Jr3Options(cutoff_hz=0.0))
     bench.live()
     bench.core.ask_zero(bench.now_s)
     bench.board.set_wrench((8, 0, 0, 0, 0, 0))
-    bench.run(0.003)  # zero has been taken by now, of what was there
+    bench.run(0.003)  # By now zero has been taken, of the push.
     bench.board.set_wrench((16, 0, 0, 0, 0, 0))
     state = bench.run(1.0)
     assert state.link is DeviceLink.NEEDS_NEUTRAL
@@ -397,7 +397,7 @@ def test_a_closed_core_sends_nothing():
 
 
 def test_it_never_asks_to_be_polled_in_vain():
-    """Work that is due at once is done at once: a shell that sleeps until then never spins."""
+    """Due work is done at once: a shell that sleeps until the next due time never busy-waits."""
     bench = Bench()
     bench.open()
 

@@ -1,4 +1,4 @@
-"""Registrations of the installed plug-in; and its examples run, by their own commands."""
+"""Registrations of the installed plug-in, and its examples, run by their own commands."""
 
 import re
 import shlex
@@ -55,8 +55,8 @@ def test_the_example_takes_the_sensors_force():
 
 @pytest.fixture
 def example(tmp_path, monkeypatch):
-    """Write an example on a bus that socketcand serves, as it says: multicast is not to be had
-    everywhere. The commands in its head: the simulated sensor's, and what comes then."""
+    """Adapt an example to a bus served by socketcand, because multicast may be unavailable. Return
+    the commands of its header: the simulated sensor's, and the others."""
 
     def example(name):
         port = free_ports()

@@ -1,4 +1,4 @@
-"""JR3 boards on CAN: layers against worked frames and the codec, and captures."""
+"""JR3 boards on CAN: layers compared with worked frames and the codec, and captures."""
 
 import io
 import struct

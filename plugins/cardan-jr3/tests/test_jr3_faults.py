@@ -1,4 +1,4 @@
-"""Faults of the sensor: neutral within 100 ms, and no motion before it was at rest."""
+"""Faults of the sensor: neutral within 100 ms, and no motion until the sensor has been at rest."""
 
 import math
 
@@ -15,7 +15,7 @@ PUSH = (6.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def pushed(options=None, **board):
-    """A live sensor with a hand on it."""
+    """A live sensor pushed by a hand."""
     bench = Bench(options, **board)
     bench.live()
     bench.board.set_wrench(PUSH)
@@ -24,7 +24,7 @@ def pushed(options=None, **board):
 
 
 def neutral_within(bench, seconds=0.1):
-    """Runs on, and says in which link it became neutral in time; it must stay neutral."""
+    """Run and return the last state; check that the device is neutral by then."""
     bench.run(seconds)
     state = bench.states[-1]
     assert state.axes == REST
@@ -34,7 +34,8 @@ def neutral_within(bench, seconds=0.1):
 
 
 def live_only_at_rest(bench):
-    """The hand is still on it: it stays neutral until the hand has let go for a while."""
+    """Check that the device stays neutral while the hand pushes, and becomes live after a time at
+    rest."""
     bench.run(3.0)
     assert {state.axes for state in bench.states} == {REST}
     assert bench.states[-1].link is DeviceLink.NEEDS_NEUTRAL
@@ -67,7 +68,7 @@ def test_a_short_silence_needs_rest():
 
 def test_a_silence_that_nobody_looked_at_needs_rest_all_the_same():
     bench = pushed()
-    bench.board.reports(bench.now_s + 0.3)  # lost, while nobody asks for the state
+    bench.board.reports(bench.now_s + 0.3)  # lost while no state is read
     bench.now_s += 0.3
     state = bench.run(0.05)
     assert state.link is DeviceLink.NEEDS_NEUTRAL
@@ -86,7 +87,8 @@ def test_a_long_silence_brings_the_board_up_again():
 
 
 def test_power_failure():
-    """The hand goes on pushing: it must not become the new zero, and the arm not run away."""
+    """The hand keeps pushing: its force must not become the new zero, and the arm must not run
+    away."""
     bench = pushed(boot_s=0.5, offset=(4, -3, -8, 0.2, -0.1, 0.05))
     bench.board.power_off()
     neutral_within(bench)
@@ -108,7 +110,7 @@ def test_power_failure():
 
 
 def test_a_power_failure_that_nobody_heard_of_is_no_rest():
-    """The boot is lost: what the sensor shows without its zero is taken for a hand."""
+    """The BOOTUP frame is lost: the offset of the sensor without its zero looks like a push."""
     bench = pushed(offset=(4, -3, -8, 0.2, -0.1, 0.05))
     bench.board.power_off()
     bench.run(1.0)
@@ -125,7 +127,7 @@ WEIGHT = (0.0, 0.0, -8.0, 0.0, 0.0, 0.0)
 
 
 def neutral_while_the_weight_is_carried(bench):
-    """A hand that carries the tool makes it look like rest, and lets go."""
+    """A hand carrying the tool makes the wrench look like rest, then releases it."""
     bench.board.set_wrench((0.0, 0.0, 8.0, 0.0, 0.0, 0.0))
     bench.run(1.0)
     bench.board.set_wrench(REST)
@@ -175,7 +177,7 @@ def test_a_board_that_another_program_started_has_booted_all_the_same():
     bench.now_s += 0.5
     for frame in bench.sent:
         bench.board.receive(*frame, bench.now_s)
-        if frame.arbitration_id == 0x200 + 33:  # it is told to start
+        if frame.arbitration_id == 0x200 + 33:  # the start command
             break
     bench.open()
     bench.run(3.0)
@@ -223,7 +225,7 @@ def test_another_program_stops_the_board():
     neutral_within(bench, 0.12)
     bench.board.set_wrench(REST)
     state = bench.run(3.0)
-    # A board that was stopped looks like one that has booted.
+    # A stopped board looks like a restarted one.
     assert (state.link, state.wrench) == (DeviceLink.NEEDS_NEUTRAL, None)
     assert "zero is lost" in state.reason
     assert bench.core.metrics(bench.now_s)["unexpected_acks"] == 1
@@ -305,7 +307,7 @@ def test_some_bad_frames_are_counted_and_change_nothing(faults):
 
 
 def test_old_samples_are_not_taken_for_new_ones():
-    """A stream stands still, then delivers a second's worth at once: only what is fresh counts."""
+    """A stream stalls, then delivers a second's worth at once: only fresh samples count."""
     bench = pushed(Jr3Options(period_s=0.01))
     held = []
     for _ in range(1000):
@@ -323,7 +325,7 @@ def test_old_samples_are_not_taken_for_new_ones():
 
 
 def test_a_clock_that_runs_otherwise_is_not_late():
-    """The board's crystal may be off: seen over a minute, samples keep coming in time."""
+    """The board's clock may be off: samples keep counting as timely for a minute."""
     for drift in (-0.015, 0.015):
         bench = pushed(Jr3Options(period_s=0.01))
         start_s = bench.now_s
@@ -343,5 +345,5 @@ def test_the_bus_is_lost_and_found():
     assert (state.link, state.axes, state.wrench) == (DeviceLink.LOST, REST, None)
     assert math.isinf(bench.core.next_due_s)
     bench.open()
-    live_only_at_rest(bench)  # the hand that was on it did not become the new zero
+    live_only_at_rest(bench)  # The pushing force did not become the new zero.
     assert bench.core.zeros == 1

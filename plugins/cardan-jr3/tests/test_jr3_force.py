@@ -1,7 +1,7 @@
 """A JR3 between flange and pen as the force source of an Omni's session.
 
-In virtual time: the simulated board, the driver's core, the session, the compiled tick. And once in
-the computer's time: the driver itself, on a bus.
+In virtual time: the simulated board, the driver's core, the session, the compiled tick. One test
+runs in real time: the driver itself, on a bus.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from tests.gateway.force.test_session import (  # noqa: F401
     forces,
     session as fake_session,
 )
-from tests.plugin_benches import PLUGINS as PLUGINS  # The Omni's tests can be imported then.
+from tests.plugin_benches import PLUGINS as PLUGINS  # Makes the Omni's tests importable.
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
 
 PEN_DOWN = from_euler_zyx(3.141592653589793, 0.0, 0.0)
-"""Of the tool whose pen points down: its z axis is the base's -z."""
+"""Orientation of the tool with its pen pointing down: its z axis is the base's -z."""
 BOARD_N = 10.0
-"""So hard the board presses on the pen: upwards, which is -z of the tool."""
+"""Force of the board on the pen: upwards, which is -z of the tool."""
 SCALE = 0.1
 LOST_S = 8.0
 
 
 class VirtualJr3(OperatorDevice):
-    """The JR3's driver less its thread and its bus."""
+    """The JR3's driver without its thread and its bus."""
 
     Options = Jr3Options
     capabilities = DeviceCapabilities(False, (), frozenset(), False)
@@ -70,7 +70,7 @@ class VirtualJr3(OperatorDevice):
 
 
 class PenDown(ScriptedRobot):
-    """Its time begins with the sensor's, and its pen points down."""
+    """Its time starts with the sensor's, and its pen points down."""
 
     def cycles(self):
         for k in range(self.options.cycles):
@@ -133,12 +133,12 @@ def test_a_pen_that_is_pressed_down_pushes_the_hand_up(monkeypatch):
     assert np.abs(sent[pressed, :2]).max() < 0.1
     assert (last.arm.trips, last.force.losses) == (1, 1)
     assert "the measured force is lost" in last.force.lost_reason
-    out = trace.times_s > LOST_S + 0.1 + 0.1 + 0.05  # max_age_s, SOURCE_LOST_S, and to let go.
+    out = trace.times_s > LOST_S + 0.1 + 0.1 + 0.05  # max_age_s, SOURCE_LOST_S, release
     assert np.linalg.norm(sent[out], axis=1).max() == 0.0
 
 
 def test_the_driver_on_a_bus_is_felt_and_missed():
-    """In the computer's time: the driver and the simulated sensor on a bus of python-can's."""
+    """Real time: the driver and the simulated sensor on a python-can bus."""
     pytest.importorskip("can", reason='python-can is not installed: pip install "cardan[can]"')
     peer = Jr3Peer(
         Jr3PeerOptions(interface="virtual", channel="jr3-force", script="rest", boot_s=0.0)

@@ -1,4 +1,4 @@
-"""A bus that returns a node's own frames to it, as python-can's udp_multicast does."""
+"""A bus that returns a node's own frames, like python-can's udp_multicast."""
 
 import time
 from collections import deque
@@ -18,7 +18,7 @@ BOARDS = {Opcode.ACK, Opcode.FORCES, Opcode.MOMENTS, Opcode.BOOTUP}
 
 
 class Echoing(can.BusABC):
-    """A group on the network with a board in it; datagrams are packed as python-can packs them."""
+    """A multicast group with a board in it; datagrams are packed like python-can's."""
 
     def __init__(self, channel, can_filters, **_):
         super().__init__(channel=channel, can_filters=can_filters)
@@ -26,7 +26,7 @@ class Echoing(can.BusABC):
         self.began_s = time.monotonic()
         self.datagrams = deque()
         self.others = []
-        """Frames of other nodes than the driver."""
+        """Frames of nodes other than the driver."""
 
     def send(self, msg, timeout=None):
         self._send(msg)
@@ -61,7 +61,7 @@ def test_what_the_driver_sends_is_not_taken_for_what_the_board_says(monkeypatch)
     while sum(sent for _, sent, _ in recorded) < 4 or len(sim.others) < 100:
         assert time.monotonic() < end_s
         device._turn(opened)
-    # Another program on the bus asks the board for its state, with the very same bytes.
+    # Another program asks the board for its state, with exactly the same bytes.
     sim.other(Opcode.GET_STATE + NODE_ID, b"")
     while sim.datagrams:
         device._turn(opened)

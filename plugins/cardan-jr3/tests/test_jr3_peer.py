@@ -1,4 +1,4 @@
-"""The simulated JR3's shell: options, and the bus that it serves as socketcand does."""
+"""The simulated JR3's shell: options, and its bus server, compatible with socketcand."""
 
 import socket
 import sys
@@ -32,7 +32,7 @@ def test_worked_lines():
     )
     line = frame_line(CanFrame(0x621, bytes.fromhex("5703ffff00403412")), 23.424242)
     assert line == b"< frame 621 23.424242 5703FFFF00403412 >"
-    # Two blanks where there is no data: clients count the words.
+    # Two spaces where there is no data, because clients count the words.
     assert frame_line(CanFrame(0x080, b""), 1.0) == b"< frame 080 1.000000  >"
 
 
@@ -80,7 +80,7 @@ def test_a_client_that_never_ends_a_command_is_let_go():
 
 
 class Node:
-    """A device on the hub's bus, which hears."""
+    """A device on the hub's bus that receives frames."""
 
     node_id = 33
 
@@ -142,9 +142,9 @@ def test_every_client_hears_all_others_and_the_board(served):
         for client in (a, b):
             client.expect(b"< frame 121 ")
             client.expect(b" 00 >")
-        b.sock.sendall(b"< send 7A1 4 0 0 48 c2 >")  # the gripper, not acknowledged
+        b.sock.sendall(b"< send 7A1 4 0 0 48 c2 >")  # gripper command, not acknowledged
         a.expect(b" 000048C2 >")
-        assert b"7A1" not in b.heard  # nobody hears himself
+        assert b"7A1" not in b.heard  # no node receives its own frames
     end_s = time.monotonic() + 3.0
     while served.device.gripper_percent != -50.0:
         assert time.monotonic() < end_s
@@ -182,7 +182,7 @@ def test_a_client_that_does_not_read_is_let_go(monkeypatch):
                 assert time.monotonic() < end_s
                 hub.send([CanFrame(0x621, bytes(8))])
                 count += 1
-            assert count > 65536 / 45  # so much waits for it at least
+            assert count > 65536 / 45  # at least this much is queued
             assert client.closed()
     finally:
         hub.close()

@@ -41,7 +41,7 @@ BOARD = st.one_of(
 )
 
 WORKED_HOST = [
-    # The first is the example of the firmware's own description: node 33, 2 Hz, 10 ms.
+    # The first one is the example in the firmware's description: node 33, 2 Hz, 10 ms.
     (jr3.StartAsync(200, 10_000), 33, 0x221, "c8 00 10 27 00 00"),
     (jr3.StartSync(200), 33, 0x1A1, "c8 00"),
     (jr3.Sync(), 33, 0x080, ""),
@@ -159,7 +159,7 @@ def test_cutoffs_travel_in_hundredths_of_a_hertz():
 def test_full_scale_of_teos_right_hand():
     per_count = jr3.TEO_SENSORS["right-hand"].per_count
     assert [16384 * unit for unit in per_count] == pytest.approx([115, 111, 185, 5.6, 5.2, 6.1])
-    assert per_count[0] == pytest.approx(7e-3, rel=0.01)  # the hand's quantum: 7 mN, 0.34 mN·m
+    assert per_count[0] == pytest.approx(7e-3, rel=0.01)  # resolution: 7 mN, 0.34 mN·m
     assert per_count[3] == pytest.approx(0.34e-3, rel=0.01)
 
 

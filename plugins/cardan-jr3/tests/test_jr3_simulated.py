@@ -31,10 +31,10 @@ UP = {"boot_s": 0.0}
 
 
 def wait_for(condition, seconds=8.0):
-    """Poll `condition` until it holds; its value."""
+    """Poll `condition` until it holds; return its value."""
     end_s = time.monotonic() + seconds
     while not (value := condition()):
-        assert time.monotonic() < end_s, "it did not come about in time"
+        assert time.monotonic() < end_s, "the condition did not hold in time"
         time.sleep(0.005)
     return value
 
@@ -44,7 +44,7 @@ def live(device):
 
 
 def zeroed(device):
-    """Whether zero could be taken."""
+    """Try to take zero; return whether it was taken."""
     try:
         device.zero()
     except CommandError:
@@ -53,7 +53,7 @@ def zeroed(device):
 
 
 def push(peer, force_n):
-    """Another hand takes over from the script."""
+    """Replace the script by a constant push."""
     peer.motion.advance = lambda now_s, sensor: sensor.set_wrench((force_n, 0, 0, 0, 0, 0))
 
 
@@ -64,7 +64,7 @@ def free_port(kind):
 
 
 def need_multicast():
-    """Skip where this computer cannot send to a group."""
+    """Skip if this computer cannot send to a multicast group."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.sendto(b"", (GROUP, 9))
@@ -73,12 +73,12 @@ def need_multicast():
 
 
 def drive(device, peer):
-    """From opening to a push and back."""
+    """Check the states from opening to a push and back."""
     live(device)
     assert device.state().axes == REST
 
     def followed():
-        # A machine that stalls makes the sensor stale, and then it must be let go first.
+        # On a machine that stalls the sensor becomes stale, and then has to be released first.
         push(peer, 0.0)
         live(device)
         push(peer, 6.0)
@@ -120,14 +120,14 @@ def test_over_udp_multicast():
     device.raw_packet_callback = lambda *packet: recorded.append(packet)
     with in_a_thread(peer), device:
         drive(device, peer)
-        # Junk on the port is counted and changes nothing.
+        # Invalid datagrams on the port are counted and change nothing.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             for junk in (b"", b"junk", b"\x81" * 200):
                 probe.sendto(junk, (GROUP, port))
         wait_for(lambda: device.metrics()["garbled_frames"] >= 2)
         live(device)
-    # Its group gives it what it sends: that is not what the board says.
+    # The multicast group returns the driver's own frames, which are not the board's.
     said = {int(name.removeprefix("can "), 16) - 33 for _, sent, name in recorded if not sent}
     assert said - {Opcode.BOOTUP} == {Opcode.ACK, Opcode.FORCES, Opcode.MOMENTS}
     assert any(sent for _, sent, _ in recorded)
@@ -155,7 +155,7 @@ def test_zero_over_the_bus():
         device.zero()
     with in_a_thread(peer), device:
         live(device)
-        assert zeroed(device)  # at once: it waits for what it needs to see
+        assert zeroed(device)  # The call waits for the samples that it needs.
         live(device)
         push(peer, 4.0)
         wait_for(lambda: (state := device.state()).wrench and state.wrench.force.x > 3.8)
@@ -192,7 +192,7 @@ def test_a_server_that_goes_is_noticed_and_found_again():
             live(device)
         wait_for(lambda: device.state().link is DeviceLink.LOST)
         with in_a_thread(Jr3Peer(serve)):
-            # Another board, as far as anybody can tell.
+            # The new board cannot be recognized as the one whose zero was taken.
             wait_for(lambda: "zero is lost" in device.state().reason)
             wait_for(lambda: zeroed(device))
             live(device)
@@ -268,7 +268,7 @@ def test_can_interfaces_are_listed_with_what_stands_in_the_way(tmp_path, monkeyp
 
 
 class _BrokenBus:
-    """python-can's bus, with what happens to be wrong."""
+    """A python-can bus that raises the given errors."""
 
     def __init__(self, *errors):
         self.errors = list(errors)
@@ -337,7 +337,7 @@ def test_the_end_of_a_stream_is_no_silence():
     import can
 
     class Spinning(can.BusABC):
-        """As python-can's socketcand: the end of its stream is nothing to read, at once."""
+        """At the end of its stream python-can's socketcand returns no message, at once."""
 
         def __init__(self, stream):
             self._SocketCanDaemonBus__socket = stream

@@ -1,4 +1,4 @@
-"""A tracking service in virtual time, as far as the driver's core sees it."""
+"""A tracking service in virtual time, as seen by the driver's core."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def hand(
     orientation: Quaternion = IDENTITY,
     **fields: Any,
 ) -> Hand:
-    """A hand at `position`, m, in the operator's axes; open, sure, long in view."""
+    """Return a hand at `position`, m, in the operator's axes: open, high confidence, long in
+    view."""
     direction, normal = direction_and_normal(orientation)
     known = {
         "type": "right",
@@ -41,7 +42,7 @@ def hand(
 
 
 class Bench:
-    """A core with a service that sends a frame each period."""
+    """A core and a service that sends a frame each period."""
 
     def __init__(self, **options: Any) -> None:
         self.core = LeapCore(LeapOptions(**options))
@@ -51,7 +52,7 @@ class Bench:
         self.tell(Version(6, "2.3.1"), PLUGGED)
 
     def tell(self, *messages: ServiceMessage) -> None:
-        """Send messages at this moment."""
+        """Send messages at the present time."""
         for message in messages:
             self.core.on_message(message, self.now_s)
 
@@ -65,20 +66,20 @@ class Bench:
         return self.state
 
     def frames(self, seconds: float, *hands: Hand) -> DeviceState:
-        """Send the same hands for so long."""
+        """Send the same hands for `seconds`."""
         for _ in range(round(seconds / PERIOD_S)):
             self.frame(*hands)
         return self.state
 
     def garbage(self, seconds: float) -> DeviceState:
-        """Send what cannot be read for so long."""
+        """Send unreadable messages for `seconds`."""
         for _ in range(round(seconds / PERIOD_S)):
             self.now_s += PERIOD_S
             self.tell(Malformed("that are not JSON"))
         return self.state
 
     def wait(self, seconds: float) -> DeviceState:
-        """Send nothing for so long."""
+        """Send nothing for `seconds`."""
         self.now_s += seconds
         return self.state
 
@@ -87,12 +88,12 @@ class Bench:
         return self.core.state(self.now_s)
 
     def edges(self) -> list[str]:
-        """The button edges since the last call: "+hand", "-hand"."""
+        """Return the button edges since the last call: "+hand", "-hand"."""
         return ["-+"[event.pressed] + event.button for event in self.core.events()]
 
 
 def engaged(clutch: str = "still", **options: Any) -> Bench:
-    """A bench whose hand of id 1 holds the clutch."""
+    """Return a bench whose hand with id 1 holds the clutch."""
     bench = Bench(clutch=clutch, **options)
     bench.frames(0.1)
     bench.frames(0.2, hand())

@@ -1,4 +1,4 @@
-"""Registrations of the installed plug-in; and its examples run, by their own commands."""
+"""Registrations of the installed plug-in, and its examples, run by their own commands."""
 
 import contextlib
 import re
@@ -39,7 +39,7 @@ def test_the_example_runs(path, tmp_path, monkeypatch):
     assert then == f"run {path.name}"
     said = tmp_path / "said"
     with contextlib.ExitStack() as peers:
-        # A script that comes again, as the session may be ready later than the hand.
+        # The script repeats, because the session may be ready later than the hand.
         for words in (f"{service} --script clutching", *others):
             peers.enter_context(served(shlex.split(words), said))
         outcome = supervised(path.name, lambda snapshot: snapshot.tracking.path_m > MOVED_M)

@@ -37,7 +37,7 @@ def until(condition, what):
 
 @pytest.fixture
 def script(tmp_path):
-    """Writes a script and gives its path."""
+    """Write a script and return its path."""
 
     def write(text):
         path = tmp_path / "hand.script"
@@ -77,7 +77,7 @@ def test_a_hand_engages_moves_grabs_and_leaves(script):
 
         def engaged():
             edges.extend("-+"[event.pressed] + event.button for event in leap.button_events())
-            # A computer that stands still loses a hand; the script goes on from its beginning.
+            # A computer that stalls loses the hand; the script restarts from its beginning.
             return "+hand +clutch +grab" in " ".join(edges)
 
         until(engaged, "a hand that engages and grabs")
@@ -85,7 +85,7 @@ def test_a_hand_engages_moves_grabs_and_leaves(script):
         assert leap.metrics()["frames"] > 50
         with pytest.raises(CommandError, match="no rumble feedback"):
             leap.feedback(DeviceFeedback(rumble=1.0))
-        # It asked in the public client's order, the focus last.
+        # The driver sends its options in the public client's order, the focus last.
         asked = [options for _, options in peer.device.requests]
         assert asked == [
             ClientOptions(background=True),
@@ -140,7 +140,7 @@ def test_a_stall_is_noticed_in_time(script):
         state = until(lambda: (s := leap.state()).link is DeviceLink.STALE and s, "stale")
         seen_s = time.monotonic()
         assert state.pose is None
-        # How much later depends on the machine; in virtual time it is exact.
+        # How much later depends on the machine; the virtual-time tests are exact.
         assert seen_s - state.stamp_s > STALE_AFTER_S
         until(lambda: leap.state().link is DeviceLink.LIVE, "live again")
 
@@ -184,7 +184,7 @@ def test_it_waits_for_the_service(script):
 
 @contextmanager
 def answering(serve):
-    """A TCP server that calls `serve` with each connection, one after the other."""
+    """TCP server that calls `serve` with each connection, one at a time."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(DEADLINE_S)
 

@@ -1,5 +1,5 @@
-"""The hand above a tracker against every way to lose it, as tests/test_device_faults.py has all
-others: neutral in time, and no way back but by a neutral state. The table of the README is of this.
+"""Loss faults of tests/test_device_faults.py applied to the tracker: neutral in time, and re-arming
+only after a neutral state. These tests produce the README's table.
 """
 
 from pathlib import Path
@@ -21,7 +21,7 @@ README = Path(__file__).parents[1] / "README.md"
 
 
 class Bench:
-    """A service with one hand in view, or none."""
+    """A service with a hand in view, or none."""
 
     def __init__(self):
         self.bench = leap_frames.engaged("grab")

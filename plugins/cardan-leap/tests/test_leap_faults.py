@@ -1,4 +1,5 @@
-"""Unplug, silence, lost links, garbage: neutral within 100 ms, and live only after neutral."""
+"""Unplugging, silence, lost links, invalid data: neutral within 100 ms, and live only after a
+neutral state."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def assert_neutral(state: DeviceState) -> None:
 
 
 def assert_re_arms_only_after_neutral(bench, clutch) -> None:
-    """With the hand as it was nothing happens; after neutral the clutch works anew."""
+    """Check that an unchanged hand engages nothing, and that after neutral the clutch works
+    again."""
     for _ in range(100):
         assert "clutch" not in bench.frame(hand(**HELD[clutch])).buttons
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
@@ -98,7 +100,7 @@ class TestLinkFaults:
         assert_neutral(bench.state)
         assert bench.state.link is link
         assert words in bench.state.reason
-        # Some services go on with empty frames.
+        # Some services continue with empty frames.
         assert bench.frames(0.3).link is link
         bench.tell(PLUGGED)
         assert_neutral(bench.state)
@@ -131,7 +133,7 @@ def test_a_hand_that_is_not_measured_is_lost(clutch, bad, unreadable):
     assert state.link is DeviceLink.LIVE
     assert "clutch" not in state.buttons
     assert bench.core.metrics(bench.now_s)["hands_lost"] == 1
-    # No frame at all after the last measurement: the same.
+    # The same without any frame after the last measurement.
     again = engaged(clutch)
     again.frame(unreadable=1)
     again.frame(unreadable=1)
@@ -143,7 +145,7 @@ def test_a_burst_of_old_frames_neither_engages_nor_re_arms():
     bench = engaged("still")
     bench.wait(0.5)
     assert_neutral(bench.state)
-    for _ in range(55):  # all that queued up, at one moment, the last without a hand
+    for _ in range(55):  # All queued frames arrive at one moment, the last without a hand.
         bench.frame(hand())
         bench.now_s -= PERIOD_S
     bench.frame()
@@ -158,7 +160,7 @@ def test_a_burst_of_old_frames_neither_engages_nor_re_arms():
 
 
 def drive(script: str, seconds: float, faults=None, clutch="still"):
-    """States of a core every 5 ms behind a simulated service, in virtual time."""
+    """States of a core every 5 ms, connected to a simulated service, in virtual time."""
     service = SimulatedLeapService(faults=faults)
     hands = ScriptedHands(parse_script(SCRIPTS[script], SCRIPT_VERBS))
     core = LeapCore(LeapOptions(clutch=clutch))
@@ -204,7 +206,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", sorted(FAULTS))
 def test_no_fault_makes_a_pose_jump_or_go_on(fault):
-    """While the clutch is held the pose moves no faster than a hand, and is never old."""
+    """While the clutch is held the pose moves no faster than a hand, and is always fresh."""
     last = None
     held_s = 0.0
     for _, _, state in drive("demo", 9.0, {fault: FAULTS[fault]}):
@@ -226,7 +228,7 @@ def test_no_fault_makes_a_pose_jump_or_go_on(fault):
 
 
 def test_the_script_of_troubles_holds_and_lets_go():
-    """Every trouble releases the clutch; each new entry of the hand engages it again."""
+    """Every fault releases the clutch; each new entry of the hand engages it again."""
     presses = []
     links = set()
     for _, core, state in drive("trouble", 31.0):

@@ -1,4 +1,4 @@
-"""From the tracker's axes to the operator's."""
+"""Conversion of the tracker's axes to the operator's."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def frames(text, until_s, step_s=None):
 
 
 def at(reported, time_s):
-    """The one hand of the first frame at or after `time_s`."""
+    """Return the only hand of the first frame at or after `time_s`."""
     frame = next(frame for sent_s, frame in reported if sent_s >= time_s)
     (hand,) = frame.hands
     return hand
@@ -41,7 +41,7 @@ def test_enter_move_and_leave():
     assert at(reported, 0.5).palm_position_mm == (10.0, 150.0, 20.0)
     assert at(reported, 0.5).type == "left"
     assert at(reported, 1.5).palm_position_mm.x == pytest.approx(60.0, abs=1.5)
-    assert at(reported, 1.1).palm_position_mm.x < 15.0  # it starts gently
+    assert at(reported, 1.1).palm_position_mm.x < 15.0  # It starts smoothly.
     assert at(reported, 2.5).palm_position_mm == (110.0, 150.0, 20.0)
     assert reported[-1][1].hands == ()
 
@@ -105,7 +105,7 @@ def test_built_in_scripts_begin_without_a_hand(name):
 
 
 def test_the_demo_returns_to_where_it_began():
-    """The robot's total motion, over both times of the clutch, is zero."""
+    """The robot's total motion, over both engagements of the clutch, is zero."""
     reported, _ = frames(SCRIPTS["demo"], 24.0)
     by_hand: dict[int, list] = {}
     for _, frame in reported:

@@ -1,4 +1,4 @@
-"""The simulated hand: every field, and all of them consistent."""
+"""The simulated hand: all fields are present and consistent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames that come late: by how much, and that nothing is made of them."""
+"""Late frames: estimate of their delay, and loss of the link because of it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_the_lag_is_that_beyond_the_smallest(delays_s):
         now_s = 10.0 + step * PERIOD_S + delay_s
         found_s = lag.update(stamp_us(step * PERIOD_S), now_s)
         least_s = delay_s if least_s is None else min(least_s, delay_s)
-        # Drift is allowed for: 1 ms a second.
+        # The estimate allows for a drift of 1 ms a second.
         assert found_s == pytest.approx(delay_s - least_s, abs=1e-3 * (5.0 + len(delays_s)))
         assert found_s >= 0.0
 
@@ -75,11 +75,11 @@ def test_another_clock_shows_by_stamps_that_go_back():
     assert lag.update(stamp_us(0.0), 7.0) == 0.0
 
 
-# -- what the core makes of it --------------------------------------------------------------------
+# -- reaction of the core -------------------------------------------------------------------------
 
 
 def tell(bench, *hands, late_s=0.0):
-    """A frame a period later that was made `late_s` ago."""
+    """Send a frame one period later, measured `late_s` ago."""
     bench.now_s += PERIOD_S
     bench.frame_id += 1
     bench.tell(TrackingFrame(bench.frame_id, round(1e6 * (bench.now_s - late_s)), 110.0, hands))
@@ -93,7 +93,7 @@ def rest_of(clutch):
 @pytest.mark.parametrize("clutch", HELD)
 @pytest.mark.parametrize("posture", ["held", "rest"])
 def test_a_delay_that_grows_ends_in_stale(clutch, posture):
-    """As over a network that carries four fifths of it: every frame comes, in order."""
+    """Models a network with four fifths of the needed capacity: all frames arrive, in order."""
     bench = engaged(clutch)
     hands = [hand(**HELD[clutch])]
     for step in range(1, 200):
@@ -119,7 +119,7 @@ def test_a_delay_that_grows_ends_in_stale(clutch, posture):
 def test_late_frames_are_no_neutral(clutch):
     bench = engaged(clutch)
     bench.wait(2.0)
-    # Two seconds have queued up; the hand came to rest in them and took hold again.
+    # Two seconds of frames were queued, in which the hand came to rest and took the clutch again.
     for step in range(220):
         hands = rest_of(clutch) if 50 < step < 150 else [hand(**HELD[clutch])]
         late_s = 2.0 - step * PERIOD_S
@@ -152,9 +152,9 @@ def test_a_delay_that_lasts_takes_a_new_connection():
     bench.core.on_opened(bench.now_s)
     bench.tell(PLUGGED)
     assert bench.core.failure(bench.now_s) == ""
-    # It has not helped: not believed either.
+    # Reconnecting did not help: frames are still late.
     assert tell(bench, late_s=0.5).link is DeviceLink.STALE
-    # It has.
+    # It helped.
     assert tell(bench).link is DeviceLink.NEEDS_NEUTRAL
     bench.now_s += 0.02
     assert tell(bench).link is DeviceLink.LIVE
@@ -198,7 +198,7 @@ def test_frames_without_a_stamp_are_no_sign_of_life():
     assert bench.core.metrics(bench.now_s)["undated"] == 12
 
 
-# -- all that has come ----------------------------------------------------------------------------
+# -- reading everything available -----------------------------------------------------------------
 
 
 def test_a_reader_that_was_held_up_reads_all_that_has_come(tmp_path):
@@ -219,7 +219,7 @@ def test_a_reader_that_was_held_up_reads_all_that_has_come(tmp_path):
 
 
 class DelayLine:
-    """A TCP relay that passes on what the service says `delay_s` late; each connection anew."""
+    """TCP relay that delays the service's data by `delay_s`, from scratch for each connection."""
 
     def __init__(self, port):
         self._port = port

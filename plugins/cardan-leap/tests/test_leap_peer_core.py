@@ -16,7 +16,7 @@ FOCUSED = '{"focused":true}'
 
 
 def run(service, until_s):
-    """Advance, and give the decoded messages by client."""
+    """Advance, and return the decoded messages by client."""
     service.advance(until_s)
     reported: dict[int, list] = {number: [] for number in service.clients}
     for number, text in service.outgoing():
@@ -29,7 +29,7 @@ def frames_of(messages):
 
 
 def listening(**options):
-    """A service whose client 1 gets frames, and has read its version."""
+    """A service whose client 1 receives frames and has read its version."""
     service = SimulatedLeapService(**options)
     assert service.connect(1, 6) is None
     service.receive(1, BACKGROUND, 0.0)

@@ -19,7 +19,7 @@ RUN_TIMEOUT_S = 20.0
 
 judged = pytest.mark.judged(device="Leap Motion", transport="WebSocket", by="leapjs 1.1.1")
 
-# Prints what the client makes of each message, one JSON object a line, until FRAMES have hands.
+# Prints each message as seen by the client, as a line of JSON, until FRAMES have hands.
 CLIENT = """
 const Leap = require('leapjs');
 const [port, frames, background] = process.argv.slice(1).map(Number);
@@ -69,7 +69,7 @@ def leapjs():
 
 
 def heard(folder, script, frames, *, background=True, **options):
-    """Return leapjs's output about a service, by kind; and the service."""
+    """Return leapjs's output about a service, by kind, and the service."""
     peer = LeapPeer(LeapPeerOptions(port=0, script=script, **options))
     with in_a_thread(peer):
         result = subprocess.run(

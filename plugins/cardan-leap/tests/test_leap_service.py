@@ -1,4 +1,4 @@
-"""The simulated service on a real port, used by a WebSocket client that is not ours."""
+"""The simulated service on a real port, used by a third-party WebSocket client."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 10.0
 CLOSE_TIMEOUT_S = 0.1
-"""This client does not see the end while frames wait to be taken."""
+"""Close timeout: this client does not see the end while frames are unread."""
 
 
 @contextmanager
@@ -46,7 +46,7 @@ def next_json(connection):
 
 
 def drain(connection, timeout_s):
-    """Take messages until there is an error."""
+    """Read messages until an error."""
     take = connection.recv if hasattr(connection, "recv") else connection.receive
     while True:
         take(timeout_s)

@@ -1,4 +1,4 @@
-"""The filter on a hand's pose."""
+"""Low-pass filter of a hand's pose."""
 
 from __future__ import annotations
 

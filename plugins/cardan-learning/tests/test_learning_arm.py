@@ -1,5 +1,5 @@
-"""An arm that is driven by actions, in virtual time: no jump whatever is asked for, what is given
-back is what was sent, and silence brakes it."""
+"""An arm driven by actions, in virtual time: no jump for any action, the returned action is the one
+sent, and silence brakes the arm."""
 
 import math
 
@@ -18,7 +18,7 @@ from tests.gateway.arm.ticked import FRAME, Ticked
 
 
 class Driven:
-    """A simulated UR5 and a program that asks something of it in each frame."""
+    """A simulated UR5 and a program that sends an action in each frame."""
 
     def __init__(self, kind="delta", gripped=None, **mapping):
         more = {} if gripped is None else {"gripper": gripped.append}
@@ -36,7 +36,7 @@ class Driven:
             self.reported["gripper"] = 1.0
 
     def frame(self, **numbers):
-        """Act for a frame; return the action that was really sent."""
+        """Act for a frame; return the action actually sent."""
         sent = self.actions.act({**self.reported, **numbers}, self.world.now_s)
         self.world.tick(FRAME)
         return sent
@@ -145,7 +145,7 @@ def test_the_first_pose_is_approached_however_far_it_is():
     for _ in range(31):
         sent = arm.asked(goal)
     way = arm.six()[1] - before[1]
-    assert 0.02 < way < 0.06  # of a second at 0.05 m/s
+    assert 0.02 < way < 0.06  # motion of a second at 0.05 m/s
     assert sent["ee.y"] - before[1] == pytest.approx(way, abs=0.01)
     for _ in range(200):
         sent = arm.asked(goal)
@@ -215,7 +215,7 @@ def test_the_gripper_of_deltas():
     arm = Driven(gripped=done)
     assert arm.frame()["gripper"] == 1.0
     assert arm.frame(gripper=0.0)["gripper"] == 0.0
-    assert arm.frame(gripper=0.0)["gripper"] == 1.0  # it is closed already
+    assert arm.frame(gripper=0.0)["gripper"] == 1.0  # already closed
     assert arm.actions.observe()["gripper.pos"] == 0.0
     assert arm.frame(gripper=2.0)["gripper"] == 2.0
     assert [each.name for each in done] == ["CLOSE", "OPEN"]

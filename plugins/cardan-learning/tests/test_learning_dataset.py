@@ -1,5 +1,5 @@
-"""The files of a LeRobotDataset v3.0 that Cardan writes by itself, read with pyarrow and pandas'
-rules; test_learning_reading.py has LeRobot read them."""
+"""The files of a LeRobotDataset v3.0 written by Cardan without LeRobot, read with pyarrow and
+pandas' rules; test_learning_reading.py reads them with LeRobot."""
 
 import json
 import statistics

@@ -1,5 +1,5 @@
-"""A device as a source of actions, in virtual time: shares of full speed, ways since it took hold,
-the gripper, and what buttons say of an episode."""
+"""A device as a source of actions, in virtual time: shares of full speed, displacement since the
+clutch was taken, the gripper, and episode events by buttons."""
 
 import math
 
@@ -26,7 +26,7 @@ FORWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.5)
 
 
 class Held:
-    """A held device, asked thirty times a second."""
+    """A device with the dead-man held, read thirty times a second."""
 
     def __init__(self, kind="delta", gripper=None, buttons=None, **mapping):
         mapping.setdefault("deadman", "left")
@@ -58,7 +58,7 @@ def moves(action):
 
 def test_deflections_are_shares_of_full_speed():
     held = Held(scale=(1.0, 0.5, 1.0, 1.0, 1.0, 1.0))
-    assert moves(held.action((0.4, 0.6, 0, 0, 0, 0))) == [0.0] * 6  # nobody holds the dead-man
+    assert moves(held.action((0.4, 0.6, 0, 0, 0, 0))) == [0.0] * 6  # the dead-man is released
     held.update(REST)
     held.update(REST, "left")
     action = held.action((0.4, 0.6, -1.0, 0, 0, 0.2), "left")
@@ -130,7 +130,7 @@ def test_the_gripper_is_reported_once(kind, name):
     held = Held(kind)
     held.update(REST, "left")
     assert held.action(REST, "left")[name] == stay
-    # An update between, as of get_teleop_events(), loses nothing.
+    # An additional update, as by get_teleop_events(), loses nothing.
     held.update(REST, "left", press=("right",))
     assert held.action(REST, "left")[name] == close
     assert held.action(REST, "left")[name] == stay

@@ -1,4 +1,4 @@
-"""`cardan net export`: data sets and reports, by LeRobot's own program where it is installed."""
+"""`cardan net export`: data sets and reports, written by LeRobot where it is installed."""
 
 import json
 import subprocess
@@ -71,7 +71,7 @@ def test_without_pyarrow_it_says_what_to_install(record, tmp_path, monkeypatch, 
 
 
 class Dataset:
-    """LeRobot's class, as far as it is used."""
+    """Stand-in for the used part of LeRobot's class."""
 
     made = ()
 
@@ -107,7 +107,7 @@ def installed(monkeypatch, version="v3.0", home=MODULE):
     monkeypatch.setattr(Dataset, "made", ())
 
 
-@pytest.mark.parametrize("home", [MODULE, PACKAGE])  # of LeRobot 0.4, and 0.6
+@pytest.mark.parametrize("home", [MODULE, PACKAGE])  # signatures of LeRobot 0.4 and 0.6
 def test_lerobots_own_program_writes_where_it_is_there(record, tmp_path, monkeypatch, home):
     installed(monkeypatch, home=home)
     report = export_lerobot([record, record], tmp_path / "set", fps=10, task="lift it")

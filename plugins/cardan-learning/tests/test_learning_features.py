@@ -1,4 +1,4 @@
-"""Rotation vectors are written without jumps, and names are those that LeRobot knows."""
+"""Rotation vectors without jumps, and feature names known to LeRobot."""
 
 import math
 
@@ -62,7 +62,7 @@ def test_two_sessions_that_begin_alike_write_alike():
 
 
 def near_home(model, seed):
-    """A pose a few mrad beside an arm's home, in some of its joints."""
+    """Return a pose with joints up to 2 mrad off the arm's home."""
     away = np.random.default_rng(seed).uniform(-2e-3, 2e-3, len(model.joints))
     placement = ArmKinematics(model).forward(np.array(model.home) + away)
     return six_of(to_pose(placement))
@@ -80,7 +80,7 @@ def test_sessions_of_an_arm_write_alike_wherever_they_begin(name, tool):
         written.append(Continuous(reference).of(six)[3:])
         assert same((0.0, 0.0, 0.0, *written[-1]), six)
         assert math.dist(written[-1], reference) < 0.03
-        # Other vectors that such a session writes first make no difference.
+        # Vectors written earlier in a session make no difference.
         late = Continuous(reference)
         late.of((0.0, 0.0, 0.0, 0.1 * seed - 2.0, 0.3, -1.0))
         assert late.of(six)[3:] == written[-1]

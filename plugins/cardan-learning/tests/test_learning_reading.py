@@ -1,4 +1,4 @@
-"""LeRobot itself loads what Cardan writes, and what it writes for Cardan is the same data set.
+"""LeRobot loads the data sets that Cardan writes, and writes equal ones itself.
 
 Only `make test-lerobot` runs these, in an environment that has LeRobot.
 """
@@ -18,7 +18,7 @@ OFTEN = ("mean", "std", "min", "max", "count")
 
 @pytest.fixture
 def exported(tmp_path):
-    """The same records, written by Cardan and by LeRobot: their folders."""
+    """The folders of the same records, written by Cardan and by LeRobot."""
     records = [
         recorded(tmp_path / f"{n}.mcap", steadily(1.0 + n, first_s=1.0 + n)) for n in range(3)
     ]
@@ -63,7 +63,7 @@ def test_statistics_agree(exported):
 
 
 def test_a_subset_and_neighboring_frames(exported):
-    """As training asks for them."""
+    """Access pattern of training."""
     module = importlib.import_module("lerobot.datasets.lerobot_dataset")
     part = module.LeRobotDataset(
         "cardan/test", root=exported[0], delta_timestamps={"action": [0.0, 1 / 30, 2 / 30]}

@@ -1,5 +1,5 @@
-"""Episodes of records: at a fixed rate, one a file or one an engagement, and nothing that is wrong
-with stamps goes unsaid."""
+"""Episodes from records: at a fixed rate, one per file or per engagement; all problems with time
+stamps are reported."""
 
 import json
 import math
@@ -29,7 +29,7 @@ def stamp(stamp_s):
 def instant(
     at_s, *, node=NODE, authority="device", closed=False, log_s=None, ahead=0.1, joints=JOINTS
 ):
-    """A session's messages of an instant: x is the time, and so are the joints."""
+    """Return a session's messages at an instant: x and the joints equal the time."""
     log_s = at_s if log_s is None else log_s
     turn = {"w": math.cos(0.5 * at_s), "x": 0.0, "y": 0.0, "z": math.sin(0.5 * at_s)}
     namespace = node.rpartition("/")[0]
@@ -49,7 +49,8 @@ def instant(
 
 
 def recorded(path, times, **more):
-    """A record with an instant at each of `times`; further arguments may depend on it."""
+    """Write a record with an instant at each of `times`; further arguments may depend on the
+    time."""
     rows = []
     for at_s in times:
         rows += instant(at_s, **{k: v(at_s) if callable(v) else v for k, v in more.items()})
@@ -93,7 +94,7 @@ def test_a_rate_that_is_not_that_of_the_record(tmp_path):
 
 def test_stamps_that_go_back_are_left_out_and_reported(tmp_path):
     times = steadily(1.0)
-    times[20:20] = times[10:15]  # A clock that was set back by 0.2 s, for 0.1 s.
+    times[20:20] = times[10:15]  # The clock was set back by 0.2 s, for 0.1 s.
     frames = read_frames([recorded(tmp_path / "r.mcap", times)], 30)
     (episode,) = frames.episodes
     assert [seen[0] for seen in episode.observations] == sorted(
@@ -248,8 +249,8 @@ HOME = load_arm("ur5").home_tcp.orientation
 
 
 def turned_record(path, turn, tables):
-    """A record of an arm whose TCP is turned by the small rotation vector `turn` from a UR5's home,
-    and of the session's configuration."""
+    """Return a record of an arm with its TCP rotated by `turn`, a small rotation vector, from a
+    UR5's home, and the session's configuration."""
     w, x, y, z = multiply(from_rotation_vector(Vector3(*turn)), HOME)
     rows = []
     if tables is not None:

@@ -1,4 +1,5 @@
-"""Devices and arms of a session's file or of a driver; errors are raised before they open."""
+"""Devices and arms made from a session's file or a driver; errors are raised before anything is
+opened."""
 
 import pytest
 
@@ -39,7 +40,7 @@ def session(tmp_path):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Arms are made of a session's configuration, or of an address."""
+    """Arms made from a session's configuration, or from a network address."""
     made = []
     for module, name in ((in_a_session, "session_arm"), (on_the_network, "network_arm")):
         monkeypatch.setattr(module, name, lambda of, source: made.append(of))
@@ -54,7 +55,7 @@ def test_both_of_a_sessions_file(session, asked):
     assert arm.joints[0] == "shoulder_pan_joint"
     assert (len(arm.joints), arm.kind) == (6, ActionKind.TARGET)
     assert arm.mapping.linear_speed_m_s == 0.05
-    assert not arm.gripper  # a simulated arm has no outputs
+    assert not arm.gripper  # A simulated arm has no outputs.
     arm.make()
     assert asked[0].device is None
 

@@ -1,4 +1,4 @@
-"""The driver's core beside the compiled tick, in virtual time: no library and no thread."""
+"""The driver's core with the compiled tick, in virtual time: no library and no thread."""
 
 from cardan.common.haptics import Calibration
 from cardan.types import ZERO3, DeviceLink, Vector3
@@ -21,7 +21,7 @@ TOUCH = Identity(
 
 
 class Bench:
-    """A stylus that stands where it is put, ticked every ms and looked at every 10."""
+    """A stylus at a fixed position, ticked every 1 ms and read by the driver every 10 ms."""
 
     def __init__(self, options=None, identity=TOUCH):
         self.core = OmniCore(options or OmniOptions())
@@ -34,7 +34,7 @@ class Bench:
         self.answer = Calibration.OK
         self.ticking = True
         self.every = 1
-        """Ms from tick to tick."""
+        """Period of the ticks, ms."""
         self.updates = 0
         self.core.on_opened(identity, self.now_s)
 
@@ -66,7 +66,7 @@ class Bench:
         return self
 
     def click(self, button, times=1):
-        """Press and let go as fast as a button is believed, also while it is read."""
+        """Press and release a button as fast as the debounce allows, also during a reading."""
         for _ in range(times):
             self.buttons |= button
             self.run(0.027)

@@ -1,4 +1,4 @@
-"""A stylus in virtual time, ticked by the compiled law."""
+"""A stylus in virtual time, ticked by the compiled control law."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ ROOM = {"workspace_lower_m": (-1.0, -1.0, -1.0), "workspace_upper_m": (1.0, 1.0,
 FLOOR = Plane(ZERO3, Vector3(0.0, 0.0, 1.0), 500.0)
 ABOVE = Vector3(0.0, 0.0, 0.01)
 BELOW = Vector3(0.0, 0.0, -0.003)
-"""1.5 N deep in FLOOR."""
+"""Position with a force of 1.5 N in FLOOR."""
 BARE: dict[str, Any] = {"damping_n_s_m": 0.0, **ROOM}
 NAN = float("nan")
 
 
 class Bench:
-    """A tick, its clock, and a command source that never falls silent unless told to."""
+    """A tick, its clock, and a command source that is silent only on request."""
 
     def __init__(self, **limits: Any) -> None:
         self.tick = Tick(UncheckedLimits(**{**ROOM, **limits}))
@@ -73,7 +73,7 @@ class Bench:
         return force
 
     def glide(self, to: Vector3, seconds: float) -> Vector3:
-        """Evenly, from where the stylus is."""
+        """Move the stylus at constant speed."""
         start, force, steps = self.sample.position, ZERO3, round(seconds / PERIOD_S)
         for k in range(1, steps + 1):
             share = k / steps
@@ -83,14 +83,14 @@ class Bench:
         return force
 
     def engage(self, **command: Any) -> None:
-        """In free space, all the way in."""
+        """Engage in free space until the ramp is over."""
         self.tick.enable()
         self.send(**command)
         self.run(self.limits.engage_ramp_s + 0.1)
         assert self.state.state is OperatingState.ENABLED
 
     def press(self, **command: Any) -> Vector3:
-        """Engaged and 1.5 N deep in the floor."""
+        """Engage and press 1.5 N deep into the floor."""
         self.step(position=ABOVE)
         self.engage(fixtures=(FLOOR,), **command)
         force = self.glide(BELOW, 0.2)
@@ -103,7 +103,7 @@ class Bench:
         return self.tick.snapshot()
 
     def zero_after(self, limit_s: float = 0.05, **step: Any) -> float:
-        """How long it takes until the force is zero, s, never changing faster than it may."""
+        """Return the time until the force is zero, s; check that it changes within its limits."""
         for k in range(round(limit_s / PERIOD_S)):
             before = self.forces[-1]
             force = self.step(**step)
@@ -122,17 +122,17 @@ def distance(a: Vector3, b: Vector3) -> float:
 
 
 def commanded(fixture: Fixture, *points: Vector3, world: WorldMap | None = None) -> Vector3:
-    """Return the force of a fixture at the last of these points, after the others."""
+    """Return a fixture's force at the last of these points, reached through the others."""
     bench = Bench(**BARE)
     bench.tick.enable()
     bench.send(fixtures=(fixture,), world=world or WorldMap())
     for point in points:
-        bench.run(0.5, position=point)  # long enough that nothing moves any more
+        bench.run(0.5, position=point)  # long enough for everything to settle
     return bench.state.force_commanded
 
 
 def rotation(x: float, y: float, z: float) -> tuple[float, ...]:
-    """Rz·Ry·Rx, row by row."""
+    """Return Rz·Ry·Rx, row by row."""
     cx, sx, cy, sy, cz, sz = (f(a) for a in (x, y, z) for f in (math.cos, math.sin))
     rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])

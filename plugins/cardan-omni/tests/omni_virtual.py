@@ -1,4 +1,4 @@
-"""libHD as a program written for it sees it: every function with its types; the simulated one."""
+"""libHD as seen by a program: every function with its types, of the simulated library."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ CHECK_STATUS, INFINITE = 0, 1
 INVALID_HANDLE = 0xFFFFFFFF
 DEFAULT_PRIORITY = 32767
 IMPULSE_N = 0.6
-"""A step between two ticks that the device takes for none."""
+"""Step between two ticks that is too small for the device's impulse limit."""
 
 
 class ErrorInfo(ctypes.Structure):
-    """HDErrorInfo."""
+    """The struct HDErrorInfo."""
 
     _fields_ = (("code", c_uint), ("internal", c_int), ("handle", c_uint))
 
@@ -47,7 +47,7 @@ Double3 = c_double * 3
 
 
 class Truth(ctypes.Structure):
-    """SimTruth."""
+    """The struct SimTruth."""
 
     _fields_ = (
         ("time_s", c_double),
@@ -129,7 +129,7 @@ GETTERS = {
 
 
 def load(path: Path) -> ctypes.CDLL:
-    """The library with the types of all it exports."""
+    """Load the library and declare the types of all its functions."""
     library = ctypes.CDLL(str(path))
     for name, (result, arguments) in SIGNATURES.items():
         function = getattr(library, name)
@@ -138,7 +138,7 @@ def load(path: Path) -> ctypes.CDLL:
 
 
 class LibHD:
-    """A program that uses libHD; functions of the library are its attributes."""
+    """A program that uses libHD, with the library's functions as attributes."""
 
     def __init__(self) -> None:
         self._library = load(library_path())
@@ -154,7 +154,7 @@ class LibHD:
         )
 
     def init(self, *lines: str, clock: str = "virtual", force: bool = True) -> int:
-        """A device with these settings."""
+        """Start a device with these settings."""
         self.configure(*lines, clock=clock)
         self.handle = self.hdInitDevice(None)
         assert self.handle != INVALID_HANDLE
@@ -172,7 +172,7 @@ class LibHD:
         self._retained.clear()
 
     def errors(self) -> list[int]:
-        """All codes on the stack, newest first."""
+        """Pop all error codes, newest first."""
         return list(iter(lambda: self.hdGetError().code, 0))
 
     def get(self, name: int, count: int = 3, type_: Any = c_double) -> list[Any]:
@@ -187,7 +187,7 @@ class LibHD:
         getattr(self, f"hdSet{GETTERS[type_]}v")(name, (type_ * len(values))(*values))
 
     def schedule(self, body: Callable[[], int | None], priority: int = DEFAULT_PRIORITY) -> int:
-        """A callback that goes on unless it returns DONE."""
+        """Schedule a callback that continues unless it returns DONE."""
         callback = self.keep(body)
         return int(self.hdScheduleAsynchronous(callback, None, priority))
 
@@ -201,7 +201,7 @@ class LibHD:
         return callback
 
     def servo(self, body: Callable[[], object]) -> int:
-        """A callback of the highest priority that does this within a frame."""
+        """Schedule a callback of the highest priority whose body runs within a frame."""
 
         def run() -> None:
             self.hdBeginFrame(self.handle)
@@ -211,7 +211,7 @@ class LibHD:
         return self.schedule(run, 65535)
 
     def push_with(self, *force_n: float) -> int:
-        """Schedule a constant force, which is there after some ticks: see IMPULSE_N."""
+        """Schedule a constant force, which is reached after some ticks: see IMPULSE_N."""
         values = Double3()
 
         def approach() -> None:
@@ -244,7 +244,7 @@ class LibHD:
 
 
 def program() -> Iterator[LibHD]:
-    """For a fixture: the library, as just loaded, and left so."""
+    """Generator for a fixture: the library as just loaded, restored afterwards."""
     hd = LibHD()
     hd.close()
     try:

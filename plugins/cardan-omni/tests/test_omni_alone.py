@@ -1,4 +1,4 @@
-"""The device on the network without an arm: in virtual time, and over the real bus."""
+"""The device on the network without an arm: in virtual time, and on the real bus."""
 
 import contextlib
 import json
@@ -33,7 +33,8 @@ def test_the_example_is_of_this_device():
 @pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
 @pytest.mark.matrix
 def test_the_devices_own_limits_hold_of_what_a_program_asks(monkeypatch):
-    """5 N at once, then 5 N the other way, then silence, on the simulated Omni and its tick."""
+    """Commands of 5 N, then 5 N in the opposite direction, then silence, on the simulated Omni and
+    its tick."""
     from studies.haptics.loop import Bench as OmniBench
 
     limits = TickLimits()
@@ -78,7 +79,7 @@ WITHIN_S = 60.0
 
 @contextlib.contextmanager
 def running(*words, **options):
-    """A program that prints READY once it serves."""
+    """Run a program that prints READY once it is ready."""
     command = [sys.executable, "-m", "cardan", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **options) as process:
         try:
@@ -101,7 +102,7 @@ HAND = "\n".join(
         for line in (f"{second} move 0.03 0 0 over 1", f"{second + 3} move -0.03 0 0 over 1")
     ]
 )
-"""It clutches in, and goes forward and back again and again."""
+"""The hand clutches in, and moves forward and back repeatedly."""
 
 DEVICE = """
 [device]
@@ -132,7 +133,7 @@ source = "network"
 
 
 class Program:
-    """A node that makes a wall of the hand's pose, as the papers' nodes do."""
+    """A node that renders a wall from the device's pose, like the papers' nodes."""
 
     def __init__(self, node, codec_of, name):
         self.node, self.codec_of, self.name = node, codec_of, name
@@ -146,7 +147,7 @@ class Program:
         self.forces, self.results = [], []
 
     def step(self):
-        """Read what has come, and answer the newest pose."""
+        """Read the received messages, and answer the newest pose."""
         pose = None
         for topic, (subscription, codec) in self.heard.items():
             for received in iter(subscription.poll, None):
@@ -222,14 +223,14 @@ def test_a_program_makes_a_wall_over_the_bus(simulated, tmp_path):
         largest = user.call("get_max_feedback", "yarp_control_msgs/srv/GetMaxFeedback")
         assert largest["max_feedback"]["x"] == 2.0
         assert max(abs(force["x"]) for force in user.forces) <= 2.0
-        # An invalid force is refused with a reason, and the wall stays where it is.
+        # An invalid force is refused with a reason, and the force stays that of the wall.
         user.publish(y=float("nan"))
         refused = user.until(
             lambda: [each for each in user.results if each["outcome"] == "refused"], "a refusal"
         )
         assert "is not finite" in refused[0]["reason"]
         user.until_felt()
-        # A program that falls silent takes its force with it.
+        # The force of a program that falls silent ends.
         user.pushing = False
         user.until(lambda: abs(user.forces[-1]["x"]) < 0.01, "the end of the force")
         user.pushing = True
@@ -276,7 +277,7 @@ def test_the_example_is_a_wall(simulated, tmp_path):
 
 @pytest.mark.matrix
 def test_a_program_makes_a_wall_for_the_hand_that_drives_an_arm(simulated, tmp_path):
-    """Until it falls silent: then the session lets go, as with every force that is lost."""
+    """When the program falls silent, the session disengages, as after any loss of the force."""
     endpoint = free_endpoint()
     file = tmp_path / "session.toml"
     file.write_text(DEVICE + SESSION + bus(endpoint, device="true", name='"arm"'))

@@ -1,4 +1,5 @@
-"""Permission of force and the operator's messages, by the answers of the library's check."""
+"""Permission of force, and messages to the operator, from the results of the library's calibration
+check."""
 
 import pytest
 from hypothesis import given, strategies as st
@@ -19,7 +20,7 @@ STEP_S = 0.01
 
 
 def reported(answers, start_s=0.0, watch=None):
-    """A watch that was given the answers 10 ms apart, and the time of the last."""
+    """Return a calibration watch after these results, 10 ms apart, and the time of the last one."""
     watch = watch or CalibrationWatch()
     now_s = start_s
     for answer in answers:

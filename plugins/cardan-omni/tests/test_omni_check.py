@@ -1,4 +1,4 @@
-"""Whether the compiled force loop is there, as `cardan doctor` tells it."""
+"""The check of the compiled force loop in `cardan doctor`."""
 
 from cardan.doctor import registry
 from cardan.doctor.base import Subject

@@ -1,4 +1,4 @@
-"""The suite of HDAPI at a library with a thread of its own: the simulated one in real time."""
+"""The HDAPI suite on a library with its own thread: the simulated one in real time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cardan_omni.peer import OmniSettings, SimulatedOmni, available
 needs_library = pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
 TIMED = {"HDAPI-116", "HDAPI-117", "HDAPI-118", "HDAPI-119"}
 BY_HAND = {"HDAPI-126", "HDAPI-301"}
-"""Of a motion that nobody makes here, and of level 3."""
+"""Requirements that need a motion by hand, and level 3."""
 
 
 @pytest.mark.matrix
@@ -25,7 +25,7 @@ def test_a_library_is_judged_in_real_time():
     suite = registry.load("hdapi")
     report, timeline = run.at(suite, str(device.path), Level.MOVE, reported, seconds=0.5)
     outcomes = {each.id: each.outcome for each in report.results}
-    # Not those of times: this computer may stand still at any moment.
+    # Timing requirements are left out: this computer may stall at any moment.
     assert {*report.failed} <= TIMED | BY_HAND, report.as_text()
     unseen = {name for name, each in outcomes.items() if each is VerdictOutcome.NOT_SEEN}
     assert unseen <= TIMED | BY_HAND, report.as_text()
@@ -37,7 +37,7 @@ def test_a_library_is_judged_in_real_time():
 
 @needs_library
 def test_the_force_never_exceeds_what_is_harmless():
-    """For every course of requests, and after every end of the requesting program."""
+    """For every sequence of requests, and every end of the requesting program."""
     from cardan_omni.conform.calls import FORCE, GREATEST_N, HdCalls, request
     from cardan_omni.driver.library import load
 

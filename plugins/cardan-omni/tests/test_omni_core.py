@@ -1,4 +1,4 @@
-"""From snapshots of the tick to the operator's state, in virtual time beside the compiled tick."""
+"""From snapshots of the tick to device states, in virtual time with the compiled tick."""
 
 import math
 
@@ -190,7 +190,7 @@ def test_a_button_held_through_trouble_is_up_until_it_was_let_go():
 
 @pytest.mark.parametrize("gap_s", [0.05, 0.15, 0.5])
 def test_a_gap_that_nobody_saw_is_a_loss_all_the_same(gap_s):
-    """The whole process was stopped: nobody looked while nothing ticked."""
+    """The whole process was stopped: no tick and no reading during the gap."""
     bench = Bench().live()
     bench.buttons = 1
     bench.run(0.05)
@@ -261,7 +261,7 @@ def test_rotation_is_from_the_orientation_that_is_the_center():
     assert show((0, -40, 15), 0.31).axes == pytest.approx((0, 0, 0, 0, 0, 0.5))
 
 
-# -- words -------------------------------------------------------------------------------------
+# -- messages ----------------------------------------------------------------------------------
 
 
 def checked_snapshot(bench):
@@ -400,11 +400,11 @@ def test_gaps_are_kept_for_each_reader_of_the_snapshot():
     assert bench.core.metrics(bench.now_s)["longest_gap_s"] == 0.016
 
 
-# -- reports of the force -------------------------------------------------------------------
+# -- reports of the force ----------------------------------------------------------------------
 
 
 def rendering(bench):
-    """Let force out, and have a constant one rendered."""
+    """Enable the force, and render a constant one."""
     bench.tick.enable()
     for k in range(130):
         bench.tick.command(HapticCommand(k + 1, bench.now_s, True, force=Vector3(0.1, 0.0, 0.0)))

@@ -1,4 +1,4 @@
-"""Registrations of the installed plug-in; and its examples run, by their own commands."""
+"""Registrations of the installed plug-in, and its examples, run by their own commands."""
 
 import contextlib
 import dataclasses
@@ -58,7 +58,7 @@ def test_a_demo_that_would_not_begin_says_how_long_it_needs():
 
 @pytest.mark.matrix
 def test_the_drawing_runs_and_is_felt():
-    # A busy machine may find fault with much, never with the force and the energy.
+    # On a busy machine other problems are tolerated, but none with the force and the energy.
     ran = subprocess.run(
         [sys.executable, "-m", "cardan", "demo", "omni", "--seconds", "10"],
         capture_output=True,
@@ -92,7 +92,7 @@ def test_a_wall_far_away_is_felt_as_stiff_as_it_is():
         timeout=90,
         check=False,
     )
-    # A busy machine may find fault with much, never with the force and the energy.
+    # On a busy machine other problems are tolerated, but none with the force and the energy.
     assert ran.returncode in (0, 4), ran.stderr
     for never in ("above", "given", "no contact"):
         assert never not in ran.stderr, ran.stderr
@@ -100,7 +100,7 @@ def test_a_wall_far_away_is_felt_as_stiff_as_it_is():
         r"rendered stiffness, depth of the hand *\S +(\d+) N/m, ([\d.]+) mm", ran.stdout
     )
     assert found, ran.stdout + ran.stderr
-    # Scales of motion and force times the wall: 0.25 * 0.03 * 8000 N/m.
+    # Scales of motion and force, times the wall's stiffness: 0.25 * 0.03 * 8000 N/m.
     assert float(found[1]) == pytest.approx(60.0, rel=0.25), ran.stdout
     assert 10.0 < float(found[2]) < 40.0
 
@@ -111,11 +111,11 @@ def test_a_wall_far_away_is_felt_as_stiff_as_it_is():
     sorted(
         each.name
         for each in EXAMPLES.glob("*-simulated.toml")
-        if each.name != "omni-remote-simulated.toml"  # Its demo runs the same programs.
+        if each.name != "omni-remote-simulated.toml"  # The example's demo runs the same programs.
     ),
 )
 def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
-    for path in EXAMPLES.iterdir():  # An example may name another.
+    for path in EXAMPLES.iterdir():  # An example may refer to another one.
         (tmp_path / path.name).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
     text = port_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
     monkeypatch.chdir(tmp_path)
@@ -143,7 +143,7 @@ def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
 
 @contextlib.contextmanager
 def waiting(words):
-    """A command that waits for a session that comes later, and ends with it."""
+    """Run a command that waits for a later session, and ends with it."""
     process = subprocess.Popen(
         [sys.executable, "-m", "cardan", *words, "--seconds", "40"], stdout=subprocess.DEVNULL
     )

@@ -1,4 +1,4 @@
-"""The driver against the simulated libHD, in real time and for short: open, feel, lose, close."""
+"""The driver and the simulated libHD, briefly and in real time: open, render, lose, close."""
 
 import itertools
 import math
@@ -59,7 +59,7 @@ PAGE = Path(__file__).parents[1] / "README.md"
 
 
 class Bench:
-    """A simulated Omni in a hand, and devices that are closed in the end."""
+    """A simulated Omni held by a hand, and devices that are closed at the end."""
 
     def __init__(self):
         self.sim = None
@@ -73,7 +73,7 @@ class Bench:
         return self.sim
 
     def device(self, **options):
-        # A stall of the machine that the tests run on is no fault of the driver.
+        # A stall of the machine under test is no fault of the driver.
         options = {"library": str(library_path()), "stale_after_s": 0.1, **options}
         made = Omni(OmniOptions(**options))
         made.yarp = IHapticDevice(made)
@@ -87,7 +87,7 @@ class Bench:
         return made
 
     def enabled(self, **options):
-        """A live device with force, once the loop runs as fast as force needs."""
+        """Return a live, enabled device, once the loop is fast enough for force."""
         made = self.live(engage_ramp_s=0.02, **options)
 
         def enabled():
@@ -103,7 +103,7 @@ class Bench:
         return made
 
     def rendering(self, force=(0.15, 0.0, 0.0), **options):
-        """A device that renders a small force, and the function that repeats it."""
+        """Return a device that renders a small force, and the function that repeats the command."""
         made = self.enabled(hold_s=0.1, pause_s=0.3, **options)
 
         def repeat():
@@ -150,7 +150,7 @@ def test_open_to_live_with_pose_and_identity(bench):
     assert omni.capabilities.gives_pose
     assert omni.capabilities.gives_axes
     assert omni.capabilities.buttons == BUTTONS
-    omni.open()  # Twice is fine.
+    omni.open()  # A second call is harmless.
     assert omni.haptics().state is OperatingState.DISABLED
 
 
@@ -189,7 +189,7 @@ def test_a_device_that_comes_later_is_picked_up(bench):
         omni.enable()
     omni.render(
         HapticCommand(1, time.monotonic())
-    )  # Nobody is there to render it, and that is all.
+    )  # Without a device the command is not rendered, and raises nothing.
     bench.sim.fault("comm-error", 0)
     until(lambda: omni.state().link is DeviceLink.LIVE)
 
@@ -405,7 +405,7 @@ def test_the_loop_hands_over_forces_or_joint_torques(bench, drive_by, used, othe
 
     def handed(what):
         repeat()
-        return any(omni._hd.doubles(omni._handle, what, 3))  # Of the newest frame.
+        return any(omni._hd.doubles(omni._handle, what, 3))  # Value in the newest frame.
 
     def felt():
         repeat()
@@ -493,7 +493,7 @@ def test_details_have_the_encoders_the_torques_and_the_newest_error(bench):
 
 
 def test_three_threads_that_command_at_once_keep_within_the_limits(bench):
-    """Nobody owns the device; what they ask for takes turns, and the force goes between by ramp."""
+    """Commands of several threads are rendered in turn, with ramps in between."""
     limits = {"clamp_n": 0.15, "slew_rise_n_s": 10.0, "slew_fall_n_s": 40.0}
     omni, _ = bench.rendering(**limits, damping_n_s_m=0.0, energy_budget_j=0.2)
     stop, failures, sequence = threading.Event(), [], itertools.count(1)
@@ -563,7 +563,7 @@ def test_a_device_that_goes_is_lost_and_comes_back_without_force(bench, fault, w
     assert re.search(words, state.reason)
     assert spatial.norm(bench.sim.truth().delivered_n) == 0.0
     bench.sim.fault(fault, 0)
-    if fault == "unplug":  # Without power it has forgotten where it is.
+    if fault == "unplug":  # Without power the device has lost its position.
         until(lambda: "put the stylus into the inkwell" in omni.state().reason)
         bench.sim.hand(docked=True)
         until(lambda: "take it out" in omni.state().reason)
@@ -583,14 +583,14 @@ def test_a_callback_that_goes_is_lost_and_scheduled_anew(bench):
     omni, _ = bench.rendering()
     hd = omni._hd
     with hd.current(omni._handle) as raw:
-        raw.hdUnschedule(omni._scheduled)  # No goodbye to the tick.
+        raw.hdUnschedule(omni._scheduled)  # The tick is not informed.
     until(lambda: "without an error" in omni.state().reason)
     until(lambda: omni.state().link is DeviceLink.LIVE)
     assert omni.haptics().state is OperatingState.FAULT
 
 
 def test_a_slow_loop_lets_the_force_go_before_the_motors_are_off(bench):
-    """And after it nothing comes back behind the tick's back."""
+    """Afterwards no force returns without the tick."""
     sim = bench.sim
     omni, repeat = bench.rendering((0.19, 0.0, 0.0), energy_budget_j=0.2)
     seen = []
@@ -604,9 +604,9 @@ def test_a_slow_loop_lets_the_force_go_before_the_motors_are_off(bench):
     until(lambda: delivered() > 0.15)
     sim.fault("slow-ticks", 700)
     until(lambda: delivered() == 0.0 and "Hz, and force" in omni.haptics().reason)
-    for _ in range(250):  # The motors are off by now.
+    for _ in range(250):  # By now the motors are off.
         delivered()
-        assert seen[-1][2] == 0.0, "the tick knows of it"
+        assert seen[-1][2] == 0.0, "the tick still sends a force"
         time.sleep(0.002)
     assert not omni._force_allowed
     assert not omni.haptics().rendering
@@ -701,7 +701,7 @@ def test_a_command_of_another_clock_is_refused_and_blocks_nothing(bench):
     with pytest.raises(CommandError, match="in the future"):
         omni.render(HapticCommand(2**40, time.time() + 1e6, True))
     for _ in range(20):
-        until(repeat)  # a machine that stands still takes the force for a moment
+        until(repeat)  # On a machine that stalls the force is absent for a moment.
     assert omni.haptics().dropped_commands == 0
 
 
@@ -724,7 +724,7 @@ def test_a_wrench_along_a_stylus_that_nobody_sees_is_none(bench):
 
 
 def test_a_force_lasts_one_frame_whatever_becomes_of_the_program(bench):
-    """After kill -9 no program sets the next frame's force, and so there is none."""
+    """After kill -9 no program sets the next frame's force, so there is none."""
     sim = bench.power(virtual=True)
     hd = library.load(str(library_path()))
     handle = hd.init_device("")
@@ -837,7 +837,7 @@ def test_a_program_that_forgets_to_close_leaves_no_force(tmp_path, end):
     assert forces[-1] == 0.0
 
 
-# -- looking for it ----------------------------------------------------------------------------
+# -- discovery ---------------------------------------------------------------------------------
 
 
 def usb(folder, name, vendor, product):

@@ -1,5 +1,5 @@
-"""The stylus against every way to lose it, as tests/test_device_faults.py has all others: neutral
-in time, and no way back but by a neutral state. The table of the README is of this.
+"""Loss faults of tests/test_device_faults.py applied to the stylus: neutral in time, and re-arming
+only after a neutral state. These tests produce the README's table.
 """
 
 from pathlib import Path
@@ -21,7 +21,7 @@ README = Path(__file__).parents[1] / "README.md"
 
 
 class Omni(Intercepted):
-    """Interceptor of the tick's snapshots: without a position, or with one that is no number."""
+    """Interceptor of the tick's snapshots: removes the position, or makes it NaN."""
 
     name = "Omni and Touch"
     method = "on_snapshot"

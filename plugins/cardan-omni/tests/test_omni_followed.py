@@ -1,4 +1,4 @@
-"""Effects of the simulated Omni's habits on its followers: the tick, the mapping, the TCP."""
+"""Effects of the simulated Omni's imperfections on the tick, the mapping and the TCP."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ TURN_RAD = 0.3
 class Followed(NamedTuple):
     trips: int
     hand_rad: npt.NDArray[np.float64]
-    """How far the pose that the device gives is turned from its first, a row a cycle."""
+    """Rotation of the device's pose relative to its first one, a row per cycle."""
     tcp_rad: npt.NDArray[np.float64]
-    """The same of the pose that the TCP was commanded."""
+    """The same for the commanded pose of the TCP."""
     moved_m: float
-    """The furthest that the TCP was commanded to go."""
+    """Largest commanded displacement of the TCP."""
 
 
 def follow(monkeypatch: pytest.MonkeyPatch, noise_lsb: float, turn_rad: float) -> Followed:
-    """Clutch in with a still hand and, after 1 s, turn the stylus within 0.5 s about the vertical
-    axis; `follow-base`."""
+    """Clutch in with a still hand, and after 1 s turn the stylus within 0.5 s about the vertical
+    axis, with `orientation = "follow-base"`."""
     monkeypatch.setitem(
         registry.BUILT_IN, "fake_haptic", f"{VirtualOmni.__module__}:{VirtualOmni.__name__}"
     )
@@ -89,7 +89,7 @@ def test_a_tcp_that_follows_a_noisy_gimbal_trembles_a_little_and_trips_nothing(m
     still = follow(monkeypatch, 5.0, 0.0)
     assert still.trips == 0
     assert 0.003 < np.ptp(still.hand_rad) < 0.02
-    # The command is no rougher than the hand's pose, and most of the noise stays behind.
+    # The command is no rougher than the device's pose, and most of the noise is removed.
     assert 0.0 < np.ptp(still.tcp_rad) < np.ptp(still.hand_rad)
     assert still.moved_m < 1e-4  # about its own center
     assert follow(monkeypatch, 0.0, 0.0).tcp_rad.max() < 1e-9
@@ -106,7 +106,7 @@ def test_a_turn_of_a_noisy_gimbal_is_followed(monkeypatch):
     "limits",
     [
         TickLimits(engage_ramp_s=0.1),
-        # the most that libHD's own clamp lets through, and the release that it needs
+        # The most that libHD's own clamp passes, and that the release needs.
         TickLimits(
             clamp_n=3.3,
             slew_rise_n_s=400.0,

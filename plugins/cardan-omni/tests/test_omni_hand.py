@@ -1,4 +1,4 @@
-"""Scripts of the hand that holds the simulated stylus, and their waypoints."""
+"""Scripts for the hand that holds the simulated stylus, and their waypoints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def motion_of(text):
 
 
 def hand_at(motion, time_s):
-    """Position, push and stiffness in the hand frame, as the library makes them."""
+    """Return position, push and stiffness in the hand frame, as computed by the library."""
     points = motion.waypoints
     after = next((p for p in points if p.time_s > time_s), points[-1])
     before = next(p for p in reversed(points) if p.time_s <= time_s)
@@ -55,7 +55,7 @@ def position_at(motion, time_s):
 
 
 def derivatives(motion, order):
-    """The largest derivative of the position between waypoints, m/s^order."""
+    """Return the largest derivative of the position between waypoints, m/s^order."""
     times = [p.time_s for p in motion.waypoints]
     values = [p.position_m for p in motion.waypoints]
     for _ in range(order):
@@ -254,7 +254,7 @@ def test_whatever_the_goals_the_way_is_smooth_and_gets_there(goals):
     except ScriptError as error:
         if "more than 0.5 m away" not in str(error):
             raise
-        reject()  # Fast, then turned round slowly: it would swing out that far.
+        reject()  # A fast motion that turns back slowly would swing far out.
     times = [p.time_s for p in motion.waypoints]
     assert all(b > a for a, b in itertools.pairwise(times))
     assert to_hand(motion.waypoints[-1].position_m) == pytest.approx(goals[-1][:3], abs=1e-9)
@@ -262,7 +262,7 @@ def test_whatever_the_goals_the_way_is_smooth_and_gets_there(goals):
     steepest = max(
         math.dist(a.position_m, b.position_m) for a, b in itertools.pairwise(motion.waypoints)
     )
-    # 0.7 m in 0.3 s, and what comes with being turned round in it.
+    # 0.7 m in 0.3 s, plus the overshoot of the reversal.
     assert steepest <= 0.01 * 6.0 * 0.7 / 0.3
 
 

@@ -1,4 +1,4 @@
-"""Finding and loading libHD, and the errors when that fails."""
+"""Finding and loading libHD, and the errors of that."""
 
 import ctypes
 import ctypes.util
@@ -82,7 +82,7 @@ void hdUnschedule(HDSchedulerHandle h)
 HDboolean hdWaitForCompletion(HDSchedulerHandle h, HDWaitCode c) { return c == 0 && h >> 32; }
 HDdouble hdGetSchedulerTimeStamp(void) { return 0.0; }
 """
-"""A libHD that does nothing but write down what it was told."""
+"""Source of a libHD that only records its calls."""
 
 
 def compiled(folder, name, source, *flags):
@@ -97,7 +97,7 @@ def compiled(folder, name, source, *flags):
 
 @pytest.fixture(autouse=True)
 def nothing_loaded(monkeypatch):
-    """As in a new process; what is loaded here does not get into the way of later tests."""
+    """Start as in a new process, and keep the loaded libraries away from later tests."""
     monkeypatch.setattr(ctypes, "RTLD_GLOBAL", ctypes.RTLD_LOCAL)
     monkeypatch.setattr(library, "_loaded", [])
     monkeypatch.delenv(library.ENVIRONMENT, raising=False)
@@ -110,7 +110,7 @@ def fake_path(tmp_path_factory):
 
 @pytest.fixture
 def fake(fake_path):
-    """A loaded fake, and its pencil."""
+    """Return a loaded fake library and its log of calls."""
     found = library.load(fake_path)
     side = ctypes.CDLL(fake_path)
     side.said.restype = ctypes.c_char_p
@@ -133,7 +133,7 @@ def test_every_function_of_hdapi_has_its_types():
     assert ctypes.sizeof(ErrorInfo) == ERROR_INFO.size == 12
 
 
-# -- what is not there -------------------------------------------------------------------------
+# -- missing files -----------------------------------------------------------------------------
 
 
 def test_a_path_of_the_option_that_leads_nowhere(tmp_path):
@@ -172,7 +172,7 @@ def test_the_loaders_own_folders_are_looked_through(tmp_path, monkeypatch):
     assert library.presence() == ("libHD-c.so", "")
 
 
-# -- what is there and does not load -----------------------------------------------------------
+# -- files that do not load --------------------------------------------------------------------
 
 
 def test_a_text_is_no_library(tmp_path):
@@ -183,7 +183,7 @@ def test_a_text_is_no_library(tmp_path):
 
 
 def test_a_file_that_was_cut_off_is_not_mapped(fake_path, tmp_path):
-    """The loader would map what is not there, and the process die of SIGBUS."""
+    """The loader would map the missing part, and the process would die of SIGBUS."""
     whole = Path(fake_path).read_bytes()
     for size in (30, 64, 500, len(whole) // 2):
         cut = tmp_path / f"cut-{size}.so"
@@ -300,7 +300,7 @@ def test_a_device_that_does_not_open_is_explained(fake, code, internal, kind, wo
 
 @needs_compiler
 def test_bad_handle_is_a_number_like_any(fake):
-    """0x104, the error, is no failure of hdInitDevice."""
+    """The informational code 0x104 is no failure of hdInitDevice."""
     found, side, _ = fake
     side.hand_out(Error.BAD_HANDLE)
     assert found.init_device("") == Error.BAD_HANDLE
@@ -343,7 +343,7 @@ def test_one_loop_serves_two_devices_until_the_last_has_gone(fake):
     found, side, said = fake
     first = found.init_device("left")
     one = found.schedule(1, 1, first)
-    assert one == 0x100000001  # Not cut off at 32 bits.
+    assert one == 0x100000001  # not truncated to 32 bits
     assert found.scheduled(one)
     assert said() == ["init", "left", "rate1000", "schedule", "start"]
     side.hand_out(1)

@@ -1,4 +1,5 @@
-"""The C parts are there wherever there is a compiler: no test of theirs is skipped unseen."""
+"""The C parts are compiled wherever there is a compiler, so that their tests are not silently
+skipped."""
 
 import os
 import shutil
@@ -9,6 +10,6 @@ from cardan_omni.driver import native
 
 def test_the_c_parts_were_compiled():
     if shutil.which(os.environ.get("CC", "cc")) is None:
-        return  # Then the package is built without, and says so; the other tests skip aloud.
+        return  # Without a compiler the package is built without the C parts.
     assert native.available(), "run plugins/cardan-omni/tools/native"
     assert peer.available(), "run plugins/cardan-omni/tools/native"

@@ -1,4 +1,4 @@
-"""The simulated libHD as a program meets it: HDAPI's functions, frames, errors and scheduler."""
+"""The simulated libHD as seen by a program: HDAPI's functions, frames, errors and scheduler."""
 
 from __future__ import annotations
 
@@ -233,8 +233,8 @@ def test_a_handle_may_be_zero_and_a_second_init_fails(hd: LibHD) -> None:
 def test_before_any_init_the_current_device_is_the_handle_that_the_first_one_gets(
     hd: LibHD,
 ) -> None:
-    """pyOpenHaptics asks before it initializes and takes another handle for a device that another
-    program has opened already."""
+    """pyOpenHaptics queries the handle before it initializes, and takes a different handle
+    afterwards for a device that another program has opened."""
     hd.configure("")
     current = hd.hdGetCurrentDevice()
     assert hd.errors() == [Error.INVALID_OPERATION]
@@ -610,7 +610,7 @@ def test_a_cold_start_needs_the_inkwell_then_an_update_and_the_position_jumps(hd
     hd.simStep(5)
     assert hd.hdCheckCalibration() == Calibration.NEEDS_MANUAL_INPUT
     wrong = hd.get(position)
-    assert wrong == pytest.approx([0.0, -65.5, -88.1], abs=0.2)  # it takes its place for docked
+    assert wrong == pytest.approx([0.0, -65.5, -88.1], abs=0.2)  # assumed to be docked
     hd.hdUpdateCalibration(INKWELL)
     assert hd.errors() == [Error.INVALID_OPERATION]
     hd.hand(docked=True)
@@ -628,7 +628,7 @@ def test_a_cold_start_needs_the_inkwell_then_an_update_and_the_position_jumps(hd
     hd.simStep(3)
     after = hd.get(position)
     assert hd.get(encoders, 6, c_long)[:3] == counts
-    # The filter takes the jump for a movement, until it is over.
+    # The velocity filter sees the jump as a motion until it has passed.
     assert max(map(abs, hd.get(int(State.CURRENT_VELOCITY)))) > 1000.0
     hd.simStep(100)
     assert max(map(abs, hd.get(int(State.CURRENT_VELOCITY)))) < 1.0
@@ -745,7 +745,7 @@ def test_a_jump_of_the_force_is_an_error(hd: LibHD) -> None:
 
 
 def after_steps(hd: LibHD, *forces_n: float) -> list[int]:
-    """Errors of these forces, one in each tick."""
+    """Return the errors of these forces, one per tick."""
     hd.init()
     left = list(forces_n)
     hd.servo(lambda: hd.set(FORCE, 0.0, 0.0, left.pop(0) if left else forces_n[-1]))
@@ -831,7 +831,7 @@ def test_a_force_lasts_as_long_as_there_are_frames(hd: LibHD) -> None:
 
 
 def running(hd: LibHD, *lines: str) -> list[list[float]]:
-    """A servo that pushes with 0.5 N; what it read."""
+    """Run a servo that pushes with 0.5 N; return its readings."""
     hd.init(*lines)
     seen: list[list[float]] = []
     values = (c_double * 3)(0.0, 0.5, 0.0)
@@ -1102,7 +1102,7 @@ def test_a_program_takes_its_settings_from_the_environment(tmp_path: Path) -> No
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
     assert (done.returncode, done.stdout, done.stderr) == (0, "from-file\n", "")
     lines = log.read_text().splitlines()
-    assert len(lines) == 21  # a row a tick, though the program stopped nothing
+    assert len(lines) == 21  # a row per tick, although the program stopped nothing
     assert lines[0].startswith("monotonic_s,tick,x_m")
     assert all(len(line.split(",")) == len(lines[0].split(",")) for line in lines)
     settings.write_text("mass heavy\n")
@@ -1148,7 +1148,7 @@ def test_the_log_of_a_killed_program_lacks_only_its_last_moments(tmp_path: Path)
         process.kill()
     rows = rows_of(log)  # whole lines, all of them
     assert len(rows) > 100
-    # 50 ms, and what the machine of the tests takes
+    # 50 ms, and the delay of the test machine
     assert rows[-1]["monotonic_s"] > before_s - 0.3
 
 
@@ -1184,7 +1184,7 @@ def test_two_programs_do_not_write_one_log(hd: LibHD, tmp_path: Path) -> None:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
     assert done.returncode == 3
     assert "another program writes its log there" in done.stderr
-    hd.configure(f"log {log}")  # one's own is no other's
+    hd.configure(f"log {log}")  # The same process may reuse its own log.
     hd.close()
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
     assert (done.returncode, done.stderr) == (0, "")

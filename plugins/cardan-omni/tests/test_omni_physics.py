@@ -1,4 +1,4 @@
-"""The simulated Omni's arm: kinematics, sensors, dynamics, motors, and where its energy goes."""
+"""The simulated Omni's arm: kinematics, sensors, dynamics, motors, and energy balance."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def waypoint(
 
 
 def resting(hd: LibHD, *lines: str) -> None:
-    """A device whose sensors were read where it begins."""
+    """Initialize a device and read its sensors once."""
     hd.init(*lines)
     hd.hdBeginFrame(hd.handle)
     hd.hdEndFrame(hd.handle)
@@ -165,7 +165,7 @@ def test_the_gimbal_has_its_own_scale_and_offset(hd: LibHD) -> None:
 
 
 def still_gimbal(hd: LibHD, *lines: str) -> tuple[Floats, Floats, Floats]:
-    """Gimbal counts, transforms and angular velocities of a stylus that does not move."""
+    """Return gimbal counts, transforms and angular velocities of a resting stylus."""
     hd.init(waypoint(0, turn_rad=(0.3, 0.2, 0.1)), *lines)
     rows: list[list[float]] = []
 
@@ -186,7 +186,7 @@ def test_the_gimbal_of_a_firewire_unit_is_noisy_and_its_seed_repeats_it(hd: LibH
     counts, transforms, rates = still_gimbal(hd)
     spread = np.ptp(counts, axis=0)
     assert ((spread >= 4) & (spread <= 6)).all()
-    assert np.abs(counts.mean(axis=0) - np.median(counts, axis=0)).max() < 0.6  # about the truth
+    assert np.abs(counts.mean(axis=0) - np.median(counts, axis=0)).max() < 0.6  # no bias
     assert np.ptp(transforms[:, :12], axis=0).max() > 0.005
     assert np.ptp(transforms[:, 12:15], axis=0).max() == 0.0
     assert (rates[100:].std(axis=0) > 0.02).all()
@@ -274,7 +274,7 @@ def test_the_hand_is_a_spring_with_a_mass_only_while_it_grips(hd: LibHD) -> None
     tops = [i for i in range(1, 999) if xs[i - 1] < xs[i] >= xs[i + 1]]
     period_s = 2 * math.pi * math.sqrt((0.045 + 0.2) / 200.0)
     assert np.diff(tops).mean() * 1e-3 == pytest.approx(period_s, rel=0.01)
-    assert max(xs) == pytest.approx(0.04, rel=0.01)  # nothing is lost, nothing comes from nowhere
+    assert max(xs) == pytest.approx(0.04, rel=0.01)  # Energy is conserved.
     kinetic_j = hd.truth().kinetic_j
     speed = math.hypot(*hd.truth().velocity_m_s)
     assert kinetic_j == pytest.approx(0.5 * 0.045 * speed * speed)
@@ -456,7 +456,7 @@ def test_the_work_of_the_motors_is_that_of_a_held_force(hd: LibHD) -> None:
 
 
 def test_a_stiff_wall_gives_energy_to_a_hand_that_damps_little(hd: LibHD) -> None:
-    """A sampled wall is active beyond 2 b / T, as Colgate and Schenkel have it."""
+    """A sampled wall is active beyond 2 b / T, by Colgate and Schenkel."""
     hd.init("friction 0", "viscous 0.1", "grip 0", "droop 0")
     hd.simPush((c_double * 3)(0.5, 0.0, 0.0))
     hd.hdDisable(0x4002)

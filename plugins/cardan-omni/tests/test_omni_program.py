@@ -1,4 +1,4 @@
-"""`cardan sim omni`: a program that runs with the simulated device."""
+"""`cardan sim omni`: run a program with the simulated device."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
 
 
 def cardan(*arguments, code=0):
-    """Run the command to its end; what it said."""
+    """Run the command to its end; return its output."""
     done = subprocess.run(
         [*COMMAND, *map(str, arguments)],
         capture_output=True,
@@ -144,7 +144,7 @@ sys.exit(5)
 @compiled
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_signals_go_on_to_the_program(number):
-    # A session of its own: no terminal that would send it the signal by itself.
+    # In a new session no terminal sends the signal to the program itself.
     with subprocess.Popen(
         [*COMMAND, "--", sys.executable, "-c", WAITS],
         stdout=subprocess.PIPE,
@@ -177,7 +177,7 @@ def test_a_killed_command_leaves_neither_the_program_nor_a_folder():
         folder = Path(process.stdout.readline().strip()).parent
         assert folder.is_dir()
         process.kill()
-        # The end of what it says is the end of the program, which has been told.
+        # The end of the output is the end of the program, which has received the signal.
         assert process.stdout.read() == "told 15\n"
     until_s = time.monotonic() + 10.0
     while folder.exists():

@@ -1,4 +1,4 @@
-"""HDAPI's values: Python against C, and both against a table of their own."""
+"""HDAPI's values: Python compared with C, and both with an independent table."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from cardan_omni.protocol import (
 
 HEADER = Path(hdapi.__file__).with_name("hdapi.h")
 
-# Typed from the interface's description, in another order and layout than the header's.
+# Typed from the interface's description, with another order and layout than the header.
 REFERENCE = """
 0000 SUCCESS
 0100 INVALID_ENUM INVALID_VALUE INVALID_OPERATION INVALID_INPUT_TYPE BAD_HANDLE

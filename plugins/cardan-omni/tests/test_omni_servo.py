@@ -1,4 +1,4 @@
-"""The callback in libHD's thread, over functions that are written here."""
+"""The servo callback in libHD's thread, with fake functions of libHD."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Info get_error(void) { Info info = {0, 0, 0}; source(&info); return info; }
 
 @functools.cache
 def error_library() -> str:
-    """hdGetError gives back a structure, which no callback of ctypes can."""
+    """hdGetError returns a structure, which no ctypes callback can."""
     folder = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     (folder / "error.c").write_text(GET_ERROR)
@@ -54,7 +54,7 @@ def error_library() -> str:
 
 
 class Library:
-    """libHD's functions as far as the servo uses them, and a clock."""
+    """The functions of libHD that the servo uses, and a clock."""
 
     def __init__(self) -> None:
         self.now_s = 50.0
@@ -71,7 +71,7 @@ class Library:
         self.calibration = OK
         self.encoders = [1, 2, 3, 4, 5, 6]
         self.errors: list[tuple[int, ...]] = []
-        """Code, the library's own number, and the device where it is not HANDLE."""
+        """Error code, the library's internal code, and the device if it is not HANDLE."""
         self.errors_at_begin: list[tuple[int, ...]] = []
         self.errors_at_end: list[tuple[int, ...]] = []
         self.failing: set[int] = set()
@@ -200,7 +200,7 @@ class Bench:
 
     @property
     def force(self) -> Vector3:
-        """Force last sent to libHD, in the hand frame."""
+        """Return the force last sent to libHD, in the hand frame."""
         name, values = self.library.sent[-1]
         assert name == State.CURRENT_FORCE
         return Vector3(*(HAND_FROM_DEVICE @ values))
@@ -237,7 +237,7 @@ def test_everything_is_read_into_the_hand_frame(bench: Bench) -> None:
 
 
 def test_the_conversion_is_a_proper_rotation_both_ways(bench: Bench) -> None:
-    """Measured through the servo: three unit displacements, three unit forces."""
+    """Measured through the servo with three unit displacements and three unit forces."""
     library, columns = bench.library, []
     bench.step()
     for axis in range(3):
@@ -284,7 +284,7 @@ def test_a_transform_that_is_nearly_a_rotation_becomes_one(bench: Bench) -> None
     bench.step()
     again = bench.state.pose
     assert again is not None
-    assert again.orientation == q, "what is no rotation is not taken"
+    assert again.orientation == q, "an invalid rotation is ignored"
     assert bench.state.state is OperatingState.DISABLED
 
 
@@ -345,7 +345,7 @@ def test_a_lost_device_is_a_fault_and_the_end(bench: Bench, code: int, at_end: b
     assert details.finished
     if not at_end:
         assert bench.force == ZERO3
-        assert state.stamp_s == before.stamp_s, "nothing read through a broken link is fresh"
+        assert state.stamp_s == before.stamp_s, "a reading over a broken link is not fresh"
     assert bench.library.calls[-1] == "end"
 
 
@@ -368,7 +368,7 @@ def test_an_error_of_no_device_is_everybodys(bench: Bench) -> None:
 
 
 def test_who_finds_another_devices_error_passes_it_on(bench: Bench) -> None:
-    """The library has one stack, and a reader takes all of it."""
+    """The library has one error stack, and a reader empties it."""
     tick = Tick()
     other = Servo(tick, bench.library.functions, OTHER, clock=bench.library.clock, realtime=False)
     call = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(other.callback)
@@ -418,7 +418,7 @@ def test_a_transform_that_is_no_rotation_is_no_reading(bench: Bench) -> None:
 
 
 def test_errors_of_before_the_frame_are_no_failed_reading(bench: Bench) -> None:
-    """Of another thread, which has asked for what there is not."""
+    """Another thread has caused the error by a query of an invalid enum."""
     bench.engage(force=Vector3(1.0, 0.0, 0.0))
     bench.library.errors_at_begin.append((Error.INVALID_ENUM, 0))
     bench.step()
@@ -428,7 +428,7 @@ def test_errors_of_before_the_frame_are_no_failed_reading(bench: Bench) -> None:
 
 
 def test_a_loop_that_begins_anew_has_sent_nothing_yet(bench: Bench) -> None:
-    """Forces sent before a loss are gone, and the hand is elsewhere."""
+    """The last force before the loss no longer counts, and the hand has moved."""
     bench.engage(force=Vector3(1.0, 0.0, 0.0))
     bench.servo.close()
     bench.tick.lose()

@@ -1,6 +1,6 @@
 """A whole session in virtual time: simulated Omni, the compiled tick, engine, simulated arm.
 
-Only the driver's thread is left out, which lives in the computer's time.
+Only the driver's thread is left out, because it runs in real time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SECONDS = 5.4
 PRESSED_S, OUT_S = 0.4, 5.2
 LIMITS = TickLimits()
 BACK_M, STROKE_M = -0.032, 0.064
-"""Nearly all of the Omni's nominal workspace, at whose edge it pushes by itself."""
+"""Stroke over most of the Omni's nominal workspace, outside which the edge's force acts."""
 SPHERE = {"shape": "sphere", "center_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 SURFACE = {
     "shape": "plane",
@@ -56,7 +56,7 @@ TABLE = {
 
 
 class VirtualOmni(FakeHaptic):
-    """The simulated Omni and its tick, in the time of the bench."""
+    """The simulated Omni and its tick, in the bench's time."""
 
     bench: Bench
 
@@ -78,10 +78,8 @@ class VirtualOmni(FakeHaptic):
 
 
 def run(monkeypatch, each=lambda now_s, bench: None, until_s=SECONDS, **tables):
-    """Clutch in, push the TCP 80 mm towards the robot within 1.2 s, stay, come back, clutch out.
-
-    `each` is called in each cycle.
-    """
+    """Clutch in, push the TCP 80 mm towards the robot within 1.2 s, stay, return, clutch out. Calls
+    `each` in each cycle."""
     monkeypatch.setitem(registry.BUILT_IN, "fake_haptic", f"{__name__}:VirtualOmni")
     s = make_session(parse_config({**TABLE, **tables}))
     states = s.robot.cycles
@@ -128,17 +126,17 @@ def test_the_hand_feels_what_the_tcp_meets_and_gets_no_energy_of_it(monkeypatch,
     assert last.tracking.path_m > 0.06
     sent = np.linalg.norm(trace.sent_n, axis=1)
     early, late = trace.times_s < PRESSED_S, trace.times_s > OUT_S + 0.02
-    assert sent[early].max() == 0.0  # Nothing before the operator takes hold.
-    assert sent[late].max() == 0.0  # And nothing 20 ms after letting go.
+    assert sent[early].max() == 0.0  # No force before the operator clutches in.
+    assert sent[late].max() == 0.0  # No force 20 ms after clutching out.
     assert sent.max() > 1.0
     assert sent.max() <= LIMITS.clamp_n + 1e-9
-    # it pushes the hand back, away from the robot
+    # The force pushes the hand back, away from the robot.
     assert trace.sent_n[np.argmax(sent), 0] < -0.95 * sent.max()
     assert np.abs(np.diff(trace.sent_n, axis=0)).max() < 0.5
-    # the TCP is held up on its way: in free space it would go 80 mm
+    # The force holds the TCP back: in free space it would move 80 mm.
     nearest = min(place.x for place in places)
     assert 0.36 < nearest < 0.395
-    # energy of the whole push and return, by the simulation itself
+    # Energy of the whole push and return, from the simulation.
     assert trace.given_j[-1] < 0.005
     assert last.force.peak_n == pytest.approx(sent.max(), abs=0.1)
     assert last.force.energy_given_j == pytest.approx(trace.believed_j[-1], abs=1e-6)
@@ -147,7 +145,7 @@ def test_the_hand_feels_what_the_tcp_meets_and_gets_no_energy_of_it(monkeypatch,
 def test_free_space_is_free(monkeypatch):
     far = {**SPHERE, "center_m": [-0.3, 0.0, 0.4]}
     _, trace, places = run(monkeypatch, fixtures=[far])
-    assert np.linalg.norm(trace.sent_n, axis=1).max() < 0.15  # Of the damping alone.
+    assert np.linalg.norm(trace.sent_n, axis=1).max() < 0.15  # from the damping only
     assert min(place.x for place in places) == pytest.approx(0.36, abs=0.005)
 
 
@@ -190,7 +188,7 @@ def test_clutching_in_deep_in_a_fixture_ends_with_words(monkeypatch):
     ],
 )
 def test_the_arm_does_not_follow_a_hand_that_falls_in(monkeypatch, fault, value, words):
-    """The hand pushes towards 80 mm beyond the TCP, and is held up by the contact."""
+    """The hand pushes towards 80 mm beyond the TCP, and is held back by the contact."""
     at = {}
 
     def each(now_s, bench):
@@ -204,5 +202,5 @@ def test_the_arm_does_not_follow_a_hand_that_falls_in(monkeypatch, fault, value,
     assert last.arm.trips == 1
     assert words in last.force.lost_reason
     before, after = places[round(2.9 / 0.004)].x, min(place.x for place in places)
-    assert before - after < 0.003  # It would be 15 mm by the end of the hand's way.
+    assert before - after < 0.003  # It would be 15 mm at the end of the hand's motion.
     assert places[-1] == places[-40]

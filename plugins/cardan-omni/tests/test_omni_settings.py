@@ -1,4 +1,4 @@
-"""The settings of the simulated libHD: the text, its limits, and faults in words."""
+"""The settings of the simulated libHD: text format, limits, and error messages."""
 
 from __future__ import annotations
 

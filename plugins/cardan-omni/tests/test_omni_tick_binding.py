@@ -1,4 +1,4 @@
-"""The tick between its threads, and its two languages."""
+"""The tick's interface between threads, and between C and Python."""
 
 from __future__ import annotations
 
@@ -68,7 +68,8 @@ def test_nothing_is_ever_read_half_written() -> None:
             if not snapshot.ticks:
                 continue
             sequence = snapshot.command_sequence
-            # 8 springs of 1 N/m pull by 2n - n each, and n beside: 9 n along each axis.
+            # 8 springs of 1 N/m pull with 2n - n each, and the separate force is n: 9 n along each
+            # axis.
             if set(snapshot.force_commanded[:]) != {9.0 * sequence}:
                 torn.append((sequence, snapshot.force_commanded[:]))
             if {*snapshot.joints_rad[:], *snapshot.gimbal_rad[:]} != {float(snapshot.ticks)}:

@@ -55,7 +55,7 @@ def test_the_clamp_keeps_the_direction() -> None:
 def test_never_above_the_clamp_and_never_a_step(
     seed: int, scenes: list[list[Fixture]], passivity: bool
 ) -> None:
-    """Scenes, plain forces and positions jump about; the device docks, the source pauses."""
+    """Fixtures, forces and positions jump; the device docks, the source pauses."""
     random = np.random.default_rng(seed)
     bench = Bench(engage_ramp_s=0.0, velocity_gate_m_s=1e9, passivity=passivity)
     bench.tick.enable()
@@ -112,7 +112,7 @@ def test_force_comes_in_by_a_ramp_after_it_was_small() -> None:
     bench.run(0.01)
     assert bench.state.reason == "engaging"
     force = bench.glide(BELOW, 0.1)
-    assert 0.0 < force.z < 0.8, "a part of it"
+    assert 0.0 < force.z < 0.8, "a part of the force"
     force = bench.run(0.5)
     assert force.z == pytest.approx(1.5)
     assert bench.state.reason == ""
@@ -162,7 +162,7 @@ def test_a_dead_source_pauses_and_the_next_command_must_be_small_first() -> None
     state = bench.state
     assert state.state is OperatingState.ENABLED
     assert state.stale_commands == 1
-    assert bench.run(0.01) != ZERO3, "a short silence: it comes back by itself"
+    assert bench.run(0.01) != ZERO3, "after a short silence the force returns by itself"
     bench.run(0.205, silent=True)
     assert bench.state.state is OperatingState.PAUSED
     assert bench.run(0.5) == ZERO3, "still deep in the wall"
@@ -194,7 +194,7 @@ def test_a_stamp_of_a_time_to_come_is_not_believed() -> None:
     )
     assert bench.zero_after(silent=True) <= 0.005 + 1e-9
     bench.step()
-    assert bench.state.dropped_commands == 0, "nor does it stand in the way of others"
+    assert bench.state.dropped_commands == 0, "a stamp in the future does not block later commands"
     assert bench.state.command_age_s == 0.0
 
 
@@ -317,7 +317,7 @@ def test_oscillating_halves_the_force_then_pauses() -> None:
     assert 0.05 < k * PERIOD_S < 0.4
     assert bench.tick.details().oscillations == 2
     bench.glide(ABOVE, 0.5)
-    assert bench.state.state is OperatingState.PAUSED, "not by itself"
+    assert bench.state.state is OperatingState.PAUSED, "it does not resume by itself"
     bench.send(engaged=False)
     bench.run(0.01)
     bench.send(engaged=True)
@@ -358,13 +358,13 @@ def test_after_an_interruption_the_force_comes_back_by_the_ramp(what: str) -> No
     start = len(bench.forces)
     bench.run(0.12)
     back = [round(force.z, 9) for force in bench.forces[start:]]
-    assert back[29] < 0.3 * 1.5 + 0.1, "at the slew limit it would be all there"
+    assert back[29] < 0.3 * 1.5 + 0.1, "the ramp is slower than the slew limit"
     assert back[-1] == pytest.approx(1.5, abs=0.02)
     assert back == sorted(back)
 
 
 def test_a_source_that_stutters_is_paused_and_begins_small_once_it_is_steady() -> None:
-    """A command each 71 ms would be a sawtooth of 14 Hz for ever."""
+    """A command every 71 ms would otherwise render a sawtooth of 14 Hz for ever."""
     bench = Bench()
     bench.press()
     before = bench.state.energy_j
@@ -377,7 +377,7 @@ def test_a_source_that_stutters_is_paused_and_begins_small_once_it_is_steady() -
     assert "too irregular" in state.reason
     assert all(force == ZERO3 for force in bench.forces[-2 * 71 :])
     bench.run(0.4)
-    assert bench.state.state is OperatingState.PAUSED, "not calm for long enough"
+    assert bench.state.state is OperatingState.PAUSED, "not steady for long enough"
     bench.run(0.2)
     assert bench.state.state is OperatingState.ENABLED
     assert bench.run(0.5) == ZERO3
@@ -470,7 +470,7 @@ def test_while_the_motors_are_off_nothing_is_asked_of_them() -> None:
     assert bench.state.reason == "the motors are not on"
     assert not bench.state.rendering
     bench.tick.allow(True)
-    assert bench.run(0.3) == ZERO3, "it engages anew"
+    assert bench.run(0.3) == ZERO3, "a new engagement begins"
 
 
 def test_what_was_lost_is_a_fault_until_enabled() -> None:
@@ -486,7 +486,7 @@ def test_what_was_lost_is_a_fault_until_enabled() -> None:
     bench.glide(ABOVE, 0.1)
     bench.run(1.2)
     assert bench.glide(BELOW, 0.2) == ZERO3
-    # A tick that is not stepped has no clock: commands are accepted, by their own order.
+    # A lost tick has no clock: commands are ordered by their sequence only.
     bench.tick.lose()
     assert bench.tick.command(bench.command._replace(sequence=10**6, stamp_s=bench.now_s + 3600.0))
 
@@ -516,7 +516,8 @@ def test_before_the_first_sound_reading_there_is_none() -> None:
 
 
 def test_after_a_short_stall_the_force_is_back_within_a_tenth_of_a_second() -> None:
-    """A hand that leant on it has begun to fall: it would never find a small force again."""
+    """The hand leaning on the wall has begun to fall, and would otherwise never get a small
+    force."""
     bench = Bench()
     bench.press()
     bench.step(gap_s=0.025)
@@ -530,7 +531,7 @@ def test_after_a_short_stall_the_force_is_back_within_a_tenth_of_a_second() -> N
 
 
 def stall_and_then(bench: Bench, what: str) -> str:
-    """Stall for 25 ms and go on by `what`, or stall by `what`; return the reason shown then."""
+    """Stall for 25 ms and continue by `what`, or stall by `what`; return the state's reason."""
     if what == "gap of 10 s":
         bench.step(gap_s=10.0)
         return bench.state.reason
@@ -588,7 +589,7 @@ def test_after_more_than_a_short_stall_the_force_must_be_small_first(
     bench.glide(ABOVE, 0.1)
     bench.run(0.01)
     assert bench.state.reason == "engaging"
-    assert bench.glide(BELOW, 0.1).z < 0.5, "by the whole ramp"
+    assert bench.glide(BELOW, 0.1).z < 0.5, "the whole engagement ramp applies"
     bench.run(1.0)
     assert bench.forces[-1].z == pytest.approx(1.5, abs=0.02)
 

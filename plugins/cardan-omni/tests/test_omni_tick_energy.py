@@ -1,4 +1,4 @@
-"""The energy an engagement may give to the hand, in virtual time."""
+"""Limit of the energy that an engagement may give to the hand, in virtual time."""
 
 from __future__ import annotations
 
@@ -33,10 +33,8 @@ pytestmark = pytest.mark.matrix
 
 
 class Ledger:
-    """The energy given to a hand, from what was sent and where the stylus went; and the bound.
-
-    `given_j` if places are measured at once, `given_late_j` if they are a tick old when measured.
-    """
+    """Energy given to a hand, from sent forces and stylus positions, and its bound. `given_j`:
+    positions measured at once; `given_late_j`: positions a tick old."""
 
     def __init__(self, limits: TickLimits) -> None:
         fall = limits.slew_fall_n_s * PERIOD_S
@@ -69,7 +67,7 @@ class Ledger:
 
 
 class Hand:
-    """A mass with a damper and perhaps a spring, which the force moves."""
+    """A mass with a damper and optionally a spring, moved by the force."""
 
     def __init__(self, mass_kg: float, damping: float, stiffness: float, at: Any) -> None:
         self.mass_kg, self.damping, self.stiffness = mass_kg, damping, stiffness
@@ -99,7 +97,8 @@ def live(
     quantum_m: float = 0.0,
     **limits: Any,
 ) -> tuple[Bench, Ledger]:
-    """Engage in free space, then let the hand live in a scene of commands; returns the account."""
+    """Engage in free space, then let the hand move under a sequence of commands; return the energy
+    account."""
     bench = Bench(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, **limits)
     bench.tick.enable()
     ledger = Ledger(bench.limits)
@@ -150,7 +149,7 @@ def test_energy_is_bounded_when_fixtures_move(
     every: int,
     budget_j: float,
 ) -> None:
-    """The world is shaken, seen every so many ticks."""
+    """The world frame oscillates, sampled every few ticks."""
 
     def scene(k: int) -> dict[str, Any]:
         if k % every:
@@ -178,7 +177,7 @@ def test_energy_is_bounded_behind_a_delay(
     quantized: bool,
     push_n: float,
 ) -> None:
-    """A remote wall, felt as a force that is late and held: what goes unstable without the law."""
+    """A remote wall, rendered as a delayed and held force: unstable without the control law."""
     body = Hand(*hand, ZERO3)
     past: list[float] = []
 
@@ -203,7 +202,7 @@ def test_energy_is_bounded_behind_a_delay(
 def test_energy_is_bounded_through_interruptions(
     seed: int, hand: tuple[float, ...], fixtures: list[Fixture]
 ) -> None:
-    """Silence, late ticks, the inkwell and force that comes and goes: one engagement, one bound."""
+    """Silence, late ticks, the inkwell and intermittent force: one engagement, one bound."""
     random = np.random.default_rng(seed)
     bench = Bench(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32)
     bench.tick.enable()
@@ -242,7 +241,7 @@ def test_every_engagement_has_a_budget_of_its_own() -> None:
 
 
 def test_a_plain_loop_would_have_given_energy() -> None:
-    """The same late wall with the controller off: the bound is one that is needed."""
+    """With the same delayed wall and the controller off, the energy exceeds the bound."""
 
     def given(passivity: bool) -> float:
         body, past = Hand(0.1, 0.1, 0.0, ZERO3), []
@@ -268,7 +267,8 @@ def test_a_plain_loop_would_have_given_energy() -> None:
 
 
 def test_a_still_hand_feels_all_of_a_wall() -> None:
-    """Passivity takes nothing from a wall that is pressed and left again as people do."""
+    """The passivity controller takes nothing from a wall that is pressed and released by a normal
+    hand."""
     bench = Bench(engage_ramp_s=0.1)
     bench.press()
     for _ in range(5):
@@ -281,7 +281,7 @@ def test_a_still_hand_feels_all_of_a_wall() -> None:
 
 
 def test_an_empty_tank_damps_first() -> None:
-    """A force pushes the hand away: the observer sees it, alpha is tried, then it is let go."""
+    """A force pushes the hand away: the observer sees it, damping is added, then the force ends."""
     bench = Bench(engage_ramp_s=0.0)
     bench.engage()
     bench.send(force=Vector3(1.0, 0.0, 0.0))

@@ -121,7 +121,9 @@ def test_bad_commands_are_refused_and_change_nothing(change: dict[str, Any], wor
     bench.step(silent=True)
     assert bench.state.force_commanded == (0.0, 0.0, 1.0)
     assert bench.state.command_sequence == 1
-    assert bench.tick.command(good._replace(sequence=2, stamp_s=bench.now_s)), "nor what is stale"
+    assert bench.tick.command(good._replace(sequence=2, stamp_s=bench.now_s)), (
+        "refused: no later one is stale"
+    )
 
 
 @pytest.mark.parametrize(
@@ -183,7 +185,7 @@ def test_both_languages_refuse_what_a_device_may_not_be_driven_with(name: str, e
         if name == "pause_s":
             limits.hold_s = min(limits.hold_s, value)
         elif name == "slew_fall_n_s" and not end:
-            continue  # Too slow for any release, whatever the range.
+            continue  # too slow for any release within the force's range
         elif name == "release_s" and not end:
             limits.clamp_n = 2.0
         pointer = native.tick_library().tick_create(ctypes.byref(limits))
@@ -227,13 +229,14 @@ def test_experiments_make_sense_all_the_same(change: dict[str, Any], words: str)
 
 @pytest.mark.parametrize("name", NUMBERS)
 def test_both_languages_agree_on_what_makes_sense(name: str) -> None:
-    """0 is refused by both, or taken by both; C says so of limits that are marked as unchecked."""
+    """C and Python both refuse 0, or both accept it; the limits are unchecked, so that C
+    decides."""
     limits = structures.c_limits(UncheckedLimits())
     setattr(limits, name, 0.0)
     pointer = native.tick_library().tick_create(ctypes.byref(limits))
     if pointer:
         native.tick_library().tick_destroy(pointer)
-        if name != "lowest_rate_hz":  # C takes it: the loop is never too slow.
+        if name != "lowest_rate_hz":  # C accepts it: no loop is too slow.
             UncheckedLimits(**{name: 0.0})
     else:
         with pytest.raises(OptionError, match=name):
@@ -242,7 +245,7 @@ def test_both_languages_agree_on_what_makes_sense(name: str) -> None:
 
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(TickLimits)])
 def test_every_limit_arrives(name: str) -> None:
-    """Of the limits as C has them, this one and no other differs."""
+    """Only the changed limit differs in the C structure."""
     value = getattr(TickLimits(), name)
     change: Any
     if name == "passivity":
@@ -252,7 +255,7 @@ def test_every_limit_arrives(name: str) -> None:
     elif isinstance(value, int) or name in ("slew_fall_n_s", "pause_s", "pause_gap_s", "release_s"):
         change = 2 * value
         if name == "release_s":
-            change = value  # its only effect is what slew_fall_n_s must be
+            change = value  # Its only effect is the minimum of slew_fall_n_s.
     else:
         change = 0.9 * value
     if name == "temperature_limit":

@@ -1,4 +1,4 @@
-"""Rendering by the tick: fixtures, measured forces, torques."""
+"""Forces rendered by the tick: fixtures, measured forces, torques."""
 
 from __future__ import annotations
 
@@ -231,12 +231,12 @@ def test_kinematics() -> None:
 
 L1 = L2 = 0.13335
 L3, L4 = 0.02335, 0.16835
-"""An Omni's upper and lower arm, and where its shoulder is, m."""
+"""Lengths of an Omni's upper and lower arm, and its shoulder's position, m."""
 
 
 def inverse(position: Vector3) -> tuple[float, float, float]:
-    """The joints of a position, elbow up: in closed form, from the lengths alone."""
-    x, y, z = -position.y, position.z, -position.x  # The device's own frame.
+    """Return the joints for a position, elbow up: in closed form, from the lengths."""
+    x, y, z = -position.y, position.z, -position.x  # The device frame.
     r, h = math.hypot(x, z + L4), y - L3
     bend = -math.acos((r * r + h * h - L1 * L1 - L2 * L2) / (2.0 * L1 * L2))
     thigh = math.atan2(h, r) - math.atan2(L2 * math.sin(bend), L1 + L2 * math.cos(bend))
@@ -251,7 +251,7 @@ def test_the_kinematics_and_their_inverse_are_the_same_to_13_digits(
     joints: tuple[float, float, float],
 ) -> None:
     _, thigh, shin = joints
-    # Elbow up, and away from the turret's axis and the stretched arm, which have no inverse.
+    # Elbow up, and away from the singularities: the turret's axis and the stretched arm.
     assume(0.1 < thigh - shin + 0.5 * math.pi < math.pi - 0.1)
     assume(L1 * math.cos(thigh) + L2 * math.sin(shin) > 0.02)
     position, _ = kinematics(Vector3(*joints))

@@ -1,4 +1,4 @@
-"""The wrapper of the simulated libHD, and the programs of its page."""
+"""The wrapper of the simulated libHD, and the programs in its README."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ pytestmark = [
 ]
 
 HELD_S = 0.025
-"""How long the amplifier exerts a force that is not renewed."""
+"""Time for which the amplifier holds a force that is not renewed."""
 SETTLES_S = 1.0
-"""In which the hand is on the floor again after that was dropped."""
+"""Time until the hand rests on the floor again after the force was dropped."""
 ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "plugins" / "cardan-omni" / "README.md"
 TOUCH = ROOT / "examples" / "peers" / "touch.c"
@@ -54,7 +54,7 @@ CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
 
 
 class Program:
-    """A program written for libHD, which sends a force (N, device frame) and reads."""
+    """A program for libHD that sends a force (N, device frame) and reads the state."""
 
     def __init__(self, **settings):
         self.omni = SimulatedOmni(OmniSettings(virtual=True, **settings))
@@ -125,7 +125,8 @@ def test_the_hand_carries_the_stylus_along_its_own_axes():
         # x right, y up, z to the operator, mm
         assert tuple(program.position) == pytest.approx((-30.0, 40.0, -20.0), abs=2.0)
         columns = [tuple(program.transform[4 * i : 4 * i + 3]) for i in range(3)]
-        # A turn to the left: the stylus's z axis, which points at the operator, goes right.
+        # After a turn to the left the stylus's z axis, which points at the operator, points to the
+        # right.
         assert columns[2] == pytest.approx((0.2955, 0.0, 0.9553), abs=0.01)
 
 
@@ -322,14 +323,14 @@ def test_the_program_in_c_feels_its_floor(tmp_path):
     log = tmp_path / "truth.csv"
 
     def touched():
-        # The program's output goes to the test's own standard output, past Python.
+        # The program's output bypasses Python and goes to the test's standard output.
         with (tmp_path / "out").open("w+") as out, _standard_output(out.fileno()):
             code = run_program([str(tmp_path / "touch")], OmniSettings(motion=motion, log=str(log)))
         assert code == 0
         stamps_s = [float(row.partition(",")[0]) for row in log.read_text().splitlines()[1:]]
         newest_s = [stamp_s for stamp_s in stamps_s if stamp_s > stamps_s[-1] - SETTLES_S]
         gap_s = max(later - earlier for earlier, later in itertools.pairwise(newest_s))
-        # The amplifier drops what is not renewed, and the floor with it.
+        # The amplifier drops a force that is not renewed, including the floor's.
         return f"the scheduler {STOOD_STILL} {gap_s:.3f} s" if gap_s > HELD_S else ""
 
     done_again(touched)

@@ -1,4 +1,4 @@
-"""A simulated serial device, a conversation and a core in virtual time."""
+"""A simulated serial device, a driver session and a core in virtual time."""
 
 import random
 
@@ -14,7 +14,7 @@ REST = (0.0,) * 6
 
 
 class Bench:
-    """A simulated device, a conversation and a core, wired to each other."""
+    """A simulated device, a driver session and a core, connected to each other."""
 
     def __init__(self, key, faults=None, known_model=True, jitter_lsb=0, boot_s=None):
         self.puck = simulated_serial_puck(
@@ -36,7 +36,7 @@ class Bench:
         self.opened = False
 
     def run(self, seconds, axes=None):
-        """Hold the cap at `axes`; the state at the end."""
+        """Hold the cap at `axes`; return the last state."""
         if axes is not None:
             self.puck.set_axes(axes)
         end_s = self.now_s + seconds
@@ -58,7 +58,7 @@ class Bench:
                 self.connect()
             return
         words = session.send(self.now_s)
-        # A slow line hands bytes over one by one, a stalled one in heaps.
+        # A slow line delivers bytes one by one, a stalled one in bursts.
         if words:
             self.puck.receive(words)
         for notice in session.notices(self.now_s):

@@ -1,4 +1,4 @@
-"""The simulated serial devices with independent programs."""
+"""The simulated serial devices, checked with independent programs."""
 
 import os
 import shutil
@@ -26,9 +26,10 @@ MODELS = {
     "spaceball-4000": "12 buttons",
     "spaceball-5000": "12 buttons",
 }
-"""spacenavd's log text for the models that it knows; it does not know a SpaceOrb."""
+"""Text in spacenavd's log for each model; it does not support a SpaceOrb."""
 ATTEMPTS = 3
-"""It takes a pause of 0.13 s for the end of what a device says, and a busy machine makes such."""
+"""Number of attempts: spacenavd takes a pause of 0.13 s for the end of a message, and a busy
+machine causes such pauses."""
 
 SCRIPT = """
     1.0  axes 0.5 -0.25 1 0.1 -0.2 0.3
@@ -51,7 +52,7 @@ def script(tmp_path):
 
 
 def listen(folder):
-    """The events of the daemon in `folder` until the cap is at rest after a button was let go."""
+    """Return the daemon's events until the cap is at rest after the release of a button."""
     path = str(folder / "run" / "spnav.sock")
     end_s = time.monotonic() + PATIENCE_S
     with socket.socket(socket.AF_UNIX) as client:
@@ -106,10 +107,10 @@ def check_once(model, script, folder):
 
 @pytest.fixture(scope="module")
 def judgments():
-    """By model: what spacenavd hears and says. All at once, since each takes its seconds."""
+    """spacenavd's events and log by model, collected in parallel because each takes seconds."""
     if shutil.which("spacenavd") is None:
         pytest.skip("there is no spacenavd: install the Debian package spacenavd")
-    # A socket's path has room for 107 bytes, and pytest's own folders need most of them.
+    # The path of a socket is limited to 107 bytes, which pytest's own folders nearly exhaust.
     with tempfile.TemporaryDirectory(prefix="cardan-") as name:
         root = Path(name)
         script = root / "script"
@@ -156,7 +157,7 @@ def check(events, expected):
 )
 @pytest.mark.parametrize("model", ["spaceball-2003", "spaceball-3003", "spaceball-4000"])
 def test_inputattach_starts_it(model, script, tmp_path):
-    """It goes on to load the kernel's line discipline, which a pseudo-terminal may not have."""
+    """inputattach then loads the kernel's line discipline, which a pseudo-terminal may lack."""
     if shutil.which("inputattach") is None:
         pytest.skip("there is no inputattach: install the Debian package inputattach")
     port = str(tmp_path / "port")
@@ -167,7 +168,7 @@ def test_inputattach_starts_it(model, script, tmp_path):
         )
         try:
             _, words = process.communicate(timeout=8.0)
-        except subprocess.TimeoutExpired:  # with the line discipline it stays
+        except subprocess.TimeoutExpired:  # with the line discipline it keeps running
             process.terminate()
             _, words = process.communicate()
     assert "initialization failed" not in words

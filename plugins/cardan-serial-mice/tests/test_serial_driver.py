@@ -1,4 +1,4 @@
-"""Serial devices: the conversation in virtual time with the simulated ones, then over a port."""
+"""Serial devices: driver session and simulated devices in virtual time, then over a port."""
 
 import errno
 import os
@@ -37,7 +37,7 @@ pytestmark = pytest.mark.matrix
 PATIENCE_S = WITHIN_S
 DEFLECTION = (0.4, -0.2, 0.6, -0.1, 0.3, -0.5)
 LATE_S = 0.1 + STEP_S
-"""The rule: neutral so long after the last good report."""
+"""Limit for the time from the last good report to neutral."""
 
 
 MODELS = [model.key for model in SERIAL_MODELS]
@@ -62,7 +62,7 @@ def test_every_model_is_found_started_and_followed(key, known_model):
     assert (state.link, state.axes) == (DeviceLink.LIVE, REST)
     assert bench.core.diagnosis(bench.now_s) == []
     assert bench.failures == []
-    assert bench.puck.refused_commands <= 1  # of the questions to others
+    assert bench.puck.refused_commands <= 1  # questions to other devices
 
 
 @pytest.mark.parametrize("key", MODELS)
@@ -94,7 +94,7 @@ def test_a_spaceball_of_an_ambiguous_firmware_is_reported_by_its_keys():
     session.receive(b"CB@\r", 0.15)
     assert session.send(0.15) == b"P@r@r\r"
     assert session.send(0.39) == b""
-    assert session.send(0.41) == b"MSSV\r"  # no answer is an answer, too
+    assert session.send(0.41) == b"MSSV\r"  # A missing answer also advances the session.
     session.receive(b"MSSV\r", 0.45)
     assert session.send(0.45) == b"k\r"
     session.receive(b"K@@\r", 0.5)
@@ -189,7 +189,7 @@ def test_a_lost_zero_packet_sticks_for_no_longer_than_the_rule(key):
     state = bench.run(1.0, REST)
     assert any(state.link is DeviceLink.STALE for at_s, state in bench.states if at_s > let_go_s)
     assert bench.last_motion_s() <= let_go_s + LATE_S
-    # Nobody knows whether a Spaceball sends one at all.
+    # It is unknown whether a Spaceball sends one.
     shows_rest = bench.puck.model.protocol == "spaceball"
     assert state.link is (DeviceLink.LIVE if shows_rest else DeviceLink.STALE)
 
@@ -205,7 +205,7 @@ def test_mangled_packets_never_become_motion(key, fault):
     moving = {state.axes for _, state in bench.states if any(state.axes)}
     assert moving
     if bench.puck.model.protocol == "spaceball" and fault == "parity-error":
-        # Its packets have no check: a wrong bit changes them, but not by more than a hand may.
+        # The packets have no checksum: a wrong bit changes them, but by no more than a hand may.
         for axes in moving:
             for axis, held in zip(axes, DEFLECTION, strict=True):
                 assert min(0.0, held) - JUMP <= axis <= max(0.0, held) + JUMP
@@ -233,10 +233,10 @@ def test_what_does_not_answer_is_given_up(key, fault):
     bench = Bench(key, faults={fault: 1.0}, known_model=False)
     bench.run(DETECT_TIMEOUT_S + 0.2)
     if fault == "deaf" and key == "spaceorb":
-        assert bench.failures == []  # it needs no question
+        assert bench.failures == []  # no question is needed
         return
     if fault == "deaf" and key.startswith("spaceball-") and not key.endswith("5000"):
-        bench.run(1.0)  # it greets, and then takes no command
+        bench.run(1.0)  # the device greets and then accepts no command
         assert "does not answer any more" in bench.failures[0][1]
         return
     assert "no serial device answers" in bench.failures[0][1]
@@ -277,7 +277,7 @@ def test_noise_never_raises(data, key):
 
 ASKED = [key for key in MODELS if key != "spaceorb"]
 HEARD_AGAIN_S = 0.25
-"""A lost release is made good in this time; the rest is the simulated line."""
+"""Time within which a lost release is recovered; the remainder is the simulated line's."""
 
 
 def first_of(bench):
@@ -294,7 +294,7 @@ def moving_with_a_key(key, **more):
 
 
 def spoil_keys(bench, spoil, packets=1):
-    """Let `spoil` change what the line carries of the next so many packets of keys."""
+    """Let `spoil` change the next key packets on the line."""
     line = bench.puck._line
     carry_keys, left = line.carry_keys, [packets]
 
@@ -333,7 +333,7 @@ def test_a_release_that_is_lost_in_motion_is_heard_by_asking(key, spoil):
     state = bench.run(HEARD_AGAIN_S)
     assert not state.buttons
     assert not bench.notices
-    if spoil is not half:  # which swallows the packet after it, too
+    if spoil is not half:  # which also swallows the next packet
         assert (state.link, state.axes[0]) == (DeviceLink.LIVE, pytest.approx(0.4, abs=0.01))
 
 
@@ -355,7 +355,7 @@ def test_keys_that_are_not_reported_are_released_and_wait_for_rest(key):
         "queries of the buttons without an answer" in words
         for words in bench.core.diagnosis(bench.now_s)
     )
-    # The answers are back, and the key has been down all the time: that is no new press.
+    # Answers are back, and the key has been down all the time: no new press.
     del bench.puck._line.carry_keys
     assert bench.run(1.0, REST).link is DeviceLink.LIVE
     assert not bench.run(1.0).buttons
@@ -378,7 +378,7 @@ def test_questions_in_motion_are_few_and_short(key):
     bench.run(0.2)
     sent.clear()
     bench.run(2.0)
-    assert sent == []  # nothing is down: motion is answer enough
+    assert sent == []  # No key is down: motion is enough as a sign of life.
 
 
 @pytest.mark.parametrize("fault", ["key-lost", "key-parity", "key-half", "key-garbage"])
@@ -391,7 +391,7 @@ def test_with_a_bad_line_a_release_is_late_but_never_lost(key, fault):
         bench.puck.press(label)
         bench.run(0.5)
         bench.puck.release(label)
-        # One of two packets is spoilt, so the next is good, or the keys count as released.
+        # Every second packet is damaged, so the next one is good, or the keys count as released.
         bench.run(0.45)
         assert label not in bench.run(0.04).buttons
 
@@ -425,7 +425,7 @@ def test_a_key_that_stays_down_through_an_outage_is_pressed_anew_only_by_a_hand(
 def test_a_resting_device_that_lost_its_power_has_to_be_seen_at_rest(key):
     bench = Bench(key, faults={"power-loss": 8.0}).live()
     bench.run(8.2 - bench.now_s, REST)
-    # It takes the place at which it is held while it boots for rest.
+    # The device takes the position held during its start for rest.
     bench.run(2.0, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
     bench.run(3.0, REST)
     after = [state for at_s, state in bench.states if at_s > 8.0]
@@ -460,7 +460,7 @@ def test_a_magellan_whose_settings_are_gone_is_noticed_by_its_motion():
 
 def test_a_magellan_that_its_user_sets_otherwise_has_not_lost_its_power():
     bench = Bench("magellan").live()
-    bench.puck.mode = 2  # translation only, by its own keys
+    bench.puck.mode = 2  # translation only, by the device's keys
     bench.run(3.0)
     assert bench.core.state(bench.now_s).link is DeviceLink.LIVE
     assert not bench.notices
@@ -473,7 +473,7 @@ def test_answers_that_come_late_do_not_hide_a_power_loss():
     assert [type(notice).__name__ for _, notice in bench.notices] == ["Lapse", "Restart"]
 
 
-# -- what counts as life -----------------------------------------------------------------------
+# -- signs of life -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -504,7 +504,7 @@ def test_a_spaceball_that_tells_of_no_rest_can_be_used(key):
     for _ in range(3):
         assert bench.run(0.5, DEFLECTION).axes == pytest.approx(DEFLECTION, abs=0.002)
         assert bench.run(0.8, REST).link is DeviceLink.LIVE
-    # Silence alone shows nothing: the device has to answer.
+    # Silence alone proves nothing: the device has to answer.
     bench.run(0.5, DEFLECTION)
     bench.puck.silence()
     assert bench.run(0.8).link is DeviceLink.STALE
@@ -515,7 +515,7 @@ def test_a_spaceball_that_tells_of_no_rest_can_be_used(key):
 
 @pytest.fixture(autouse=True)
 def eager_scripts(monkeypatch):
-    """A script starts soon after its device."""
+    """The script starts soon after its device."""
     monkeypatch.setattr(peer_module, "SCRIPT_DELAY_S", 0.2)
 
 
@@ -655,7 +655,7 @@ def test_nothing_answers(tmp_path, monkeypatch):
 
 
 def fast_clock(factor):
-    """A clock that is so many times as fast."""
+    """A clock that runs faster by a factor."""
     start_s = time.monotonic()
     return types.SimpleNamespace(monotonic=lambda: start_s + factor * (time.monotonic() - start_s))
 

@@ -1,5 +1,5 @@
-"""The serial devices against every way to lose one, as tests/test_device_faults.py has all others:
-neutral in time, and no way back but by a neutral state. The table of the README is of this."""
+"""Loss faults of tests/test_device_faults.py applied to the serial devices: neutral in time, and
+re-arming only after a neutral state. These tests produce the README's table."""
 
 from pathlib import Path
 
@@ -19,8 +19,8 @@ README = Path(__file__).parents[1] / "README.md"
 
 
 class Serial(Subject):
-    """A packet each 33 to 60 ms. Below 0.1 s, two periods of a Spaceball would be a silence, so
-    this is when the core gives it up, and a look sees it."""
+    """Device with a packet every 33 to 60 ms. A timeout below 0.1 s would take two periods of a
+    Spaceball for silence; the core's next poll detects the timeout."""
 
     step_s = 0.004
     within_s = SLOW_STALE_AFTER_S + step_s

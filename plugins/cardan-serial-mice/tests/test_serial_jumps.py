@@ -1,4 +1,4 @@
-"""A wrong bit in a serial device's packets: never a deflection that the hand did not make."""
+"""Wrong bits in a serial device's packets never cause a deflection that the hand did not make."""
 
 import itertools
 
@@ -27,7 +27,7 @@ MODELS = [model.key for model in SERIAL_MODELS]
 SPACEBALLS = [model.key for model in SERIAL_MODELS if model.protocol == "spaceball"]
 NEUTRAL = (0.0,) * 6
 ROUNDING = 0.005
-"""Of the coarsest device, 400 counts."""
+"""Resolution of the coarsest device, 400 counts."""
 
 
 def along(count):
@@ -36,7 +36,8 @@ def along(count):
 
 
 def judged(*counts, step=4000):
-    """Return the accepted count after each packet, None for nothing new, and the garbled ones."""
+    """Return the accepted count after each packet (None: nothing new), and the number of garbled
+    ones."""
     guard = JumpGuard(step)
     verdicts = [guard.judge(along(count)) for count in counts]
     taken = [verdict.counts and verdict.counts[0] for verdict in verdicts]
@@ -77,7 +78,7 @@ def test_a_packet_that_was_lost_gives_the_next_two_steps():
 
 def test_a_packet_that_cannot_be_is_bridged_once():
     guard = JumpGuard(4000)
-    assert guard.refuse() is None  # of rest nothing is made up
+    assert guard.refuse() is None  # At rest nothing is bridged.
     guard.judge(along(2000))
     assert guard.refuse() == along(2000)
     assert guard.refuse() is None
@@ -97,7 +98,7 @@ def test_what_counts_is_the_newest_packet_or_the_one_before(packets):
             assert verdict.counts == REST
         if verdict.counts is None:
             continue
-        # Held once at most: the packet that counted when this one came is the one before it.
+        # A packet is held at most once: the accepted one is the present or the previous packet.
         recent = {packet: index, **({packets[index - 1]: index - 1} if index else {})}
         held = verdict.counts == now and at == index - 1
         assert held or verdict.counts in recent
@@ -116,7 +117,7 @@ ANSWERS = (b"m3\r", b"c33\r", b"q00\r", b"pBB\r", b"k000\r", b"CB@\r", b"P@r@r\r
 
 
 class Followed:
-    """A session and its core, started, live and at rest; packets come each period."""
+    """A session and its core, started, live and at rest; packets arrive at each period."""
 
     def __init__(self, key):
         self.model = model = serial_model_by_key(key)
@@ -148,7 +149,7 @@ class Followed:
         return encode_spaceball_motion(SpaceballMotion(800, *counts))
 
     def hear(self, data):
-        """The state once `data` came, a period after what came before."""
+        """Feed `data` one period after the previous packet; return the state."""
         self.now_s += self.model.period_s
         for value in self.session.receive(data, self.now_s):
             self.core.on_value(value, self.now_s)
@@ -158,12 +159,12 @@ class Followed:
 
 
 STEP = 0.25
-"""Of the full scale in a packet: a fast hand."""
+"""Largest change per packet of a fast hand, as a share of full scale."""
 steps = st.lists(st.lists(st.floats(-STEP, STEP), min_size=6, max_size=6), min_size=6, max_size=16)
 
 
 def path_of(hand):
-    """Deflections of a hand that starts at rest and never jumps."""
+    """Return the deflections of a hand that starts at rest and never jumps."""
     path = [NEUTRAL]
     for step in hand:
         path.append(tuple(max(-1.0, min(1.0, a + b)) for a, b in zip(path[-1], step, strict=True)))
@@ -185,7 +186,7 @@ def test_a_wrong_bit_is_no_deflection_and_is_over_with_the_next_packet(hand, key
     spoilt = bytearray(packets[at])
     spoilt[bit // 8] ^= 1 << bit % 8
     packets[at] = bytes(spoilt)
-    # Without its end a packet takes the next one with it.
+    # A packet without its end swallows the next one.
     over = at + (2 if spoilt[-1] != 0x0D and key != "spaceorb" else 1)
     for index, packet in enumerate(packets):
         state = bench.hear(packet)
@@ -196,7 +197,7 @@ def test_a_wrong_bit_is_no_deflection_and_is_over_with_the_next_packet(hand, key
                 assert between(state.axes[axis], near, JUMP + ROUNDING)
         elif any(state.axes):
             assert state.axes == pytest.approx(path[index], abs=ROUNDING)
-        else:  # A gap of two packets is a silence; and the hand may be at rest.
+        else:  # A gap of two packets counts as silence; the hand may also be at rest.
             assert (
                 state.link is not DeviceLink.LIVE
                 or index <= over

@@ -1,4 +1,4 @@
-"""The layers of serial devices against worked packets and the codec, and against damage."""
+"""The layers of serial devices: worked packets, comparison with the codec, and damaged packets."""
 
 import pytest
 from hypothesis import example, given, strategies as st
@@ -47,7 +47,7 @@ WORKED = [
         _hex("64 a1 a4 9e dc e0 85 80 80 bf bf e0 80 e0 42 0d"),
         MagellanCompressedMotion(x=100, y=-100, z=5, a=-2048, b=2047, c=0),
     ),
-    (  # of a real Spaceball 5000
+    (  # from a real Spaceball 5000
         MagellanPacket,
         _hex("64 e0 80 e0 80 e0 80 e0 80 e0 80 e0 80 a1 80 0d"),
         MagellanCompressedMotion(),

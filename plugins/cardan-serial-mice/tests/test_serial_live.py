@@ -35,7 +35,7 @@ def test_serial_devices_are_judged_at_a_port(suite, model, tmp_path):
     with in_a_thread(peer):
         found = registry.load(suite)
         report, _ = run.at(found, peer.endpoint, Level.HOLD, motion.instructions.put, seconds=1.0)
-    # Not those of times: this computer may stand still at any moment.
+    # Timing requirements are left out: this computer may stall at any moment.
     assert {*report.failed} <= TIMED, report.as_text()
     unseen = {each.id for each in report.results if each.outcome is VerdictOutcome.NOT_SEEN}
     assert unseen <= TIMED | UNPLUGGED, report.as_text()

@@ -60,7 +60,7 @@ class Port:
         self.puck.power(True)
 
     def run(self, seconds):
-        """Let time pass; the bytes that come meanwhile."""
+        """Advance the time; return the bytes sent meanwhile."""
         came = b""
         end_s = self.now_s + seconds
         while self.now_s < end_s:
@@ -73,12 +73,12 @@ class Port:
         return came
 
     def say(self, words, answer_s=0.3):
-        """Send bytes at once; what comes back."""
+        """Send bytes at once; return the reply."""
         self.puck.receive(words)
         return self.run(answer_s)
 
     def say_slowly(self, words, pause_s=0.005):
-        """Send bytes one by one; what comes back until 0.3 s later."""
+        """Send bytes one by one; return the reply up to 0.3 s later."""
         came = b""
         for byte in words:
             self.puck.receive(bytes((byte,)))
@@ -188,9 +188,9 @@ def test_keys_of_a_magellan():
     port.run(0.2)
     masks = [value.mask for _, value in port.motions(MagellanKeys)]
     assert masks == [1, 1 | 1 << 7, 1 | 1 << 7 | 1 << 8]
-    assert port.received[-2].endswith(b"nH\rq00\r")  # star and 8 together: the defaults
+    assert port.received[-2].endswith(b"nH\rq00\r")  # star and 8 together: default settings
     port.puck.press("plus")
-    assert port.run(0.1) == b"kAHA\r"  # without extended keys it is not told
+    assert port.run(0.1) == b"kAHA\r"  # without extended keys it is not reported
     port.say(b"c3B\r")
     assert port.say(b"kQ\r") == b"kAH3\r"
 
@@ -226,7 +226,7 @@ def test_a_spaceball_greets_and_waits_to_be_reported():
 def test_the_start_ups_of_spacenavd_and_vrpn_at_a_spaceball():
     port = Port("spaceball-2003")
     port.run(0.1)
-    assert b"@1 Spaceball" in port.say(b"\r@RESET\r", 1.0)  # deaf, but it greets in time
+    assert b"@1 Spaceball" in port.say(b"\r@RESET\r", 1.0)  # deaf, but the greeting is in time
     assert b"@1 Spaceball" in port.say(b"\r@RESET\r", 1.0)
     answer = port.say(b"\rCB\rMSSV\rk\r")
     assert answer == b"CB@\rMSSV\rK@@\r"
@@ -240,10 +240,10 @@ def test_the_start_ups_of_spacenavd_and_vrpn_at_a_spaceball():
 
 
 def test_a_line_that_is_full_is_no_reason_to_be_late():
-    """More than 9600 baud carry: the device measures when the line is free, and queues nothing."""
+    """Demand exceeds 9600 baud: the device measures when the line is free, and queues nothing."""
     port = Port("spaceball-3003", faults={"garbage": 1.0})
     port.run(1.0)
-    port.say(b"MSSV\rP@T@T\r")  # every 20 ms, with noise before each
+    port.say(b"MSSV\rP@T@T\r")  # every 20 ms, each after noise
     port.puck.set_axes(UP)
     port.run(20.0)
     port.puck.set_axes(REST)
@@ -278,7 +278,7 @@ def test_a_spaceball_gives_displacements():
     port.puck.set_axes((0.25, 0.0, 0.0, 0.0, 0.0, 0.5))
     port.run(1.0)
     assert port.motions(SpaceballMotion)[-1][1] == SpaceballMotion(800, 0, 0, 2000, 0, 800, 0)
-    port.say(b"PAd@r\r")  # 100 ms: twice as far
+    port.say(b"PAd@r\r")  # 100 ms: displacement twice as large
     port.run(1.0)
     assert port.motions(SpaceballMotion)[-1][1] == SpaceballMotion(1600, 0, 0, 4000, 0, 1600, 0)
     port.puck.receive(b"\x13")
@@ -425,7 +425,7 @@ def test_a_bad_line(key, fault):
     good = sum(1 for _, value in port.values if not isinstance(value, Malformed))
     bad = sum(1 for _, value in port.values if isinstance(value, Malformed))
     assert good > 20
-    # A Spaceball's packets have no check at all: a wrong bit is a wrong value.
+    # Packets of a Spaceball have no checksum: a wrong bit is a wrong value.
     if fault != "missing-zero" and not (fault == "parity-error" and key.startswith("spaceball-")):
         assert bad >= 10
 
@@ -447,7 +447,7 @@ def test_a_line_that_is_bad_for_keys(key, fault):
         return known_model
 
     good, bad = packets({}), packets({fault: 2.0})
-    # Of a SpaceOrb, the packet of its start was the first.
+    # For a SpaceOrb, the packet at power-up was the first one.
     odd = slice(int(key != "spaceorb"), None, 2)
     even = slice(int(key == "spaceorb"), None, 2)
     assert bad[even] == good[even]
@@ -491,7 +491,7 @@ def test_when_a_host_has_begun():
         port.say(words)
         assert port.puck.host_began
     for key, faults in (("spaceorb", {}), ("magellan", {"deaf": 1.0}), ("magellan", {"mute": 1.0})):
-        port = Port(key, faults=faults)  # nobody has to begin, or can
+        port = Port(key, faults=faults)  # a host need not begin, or cannot
         assert not port.puck.host_began
         port.run(1.2)
         assert port.puck.host_began
@@ -572,7 +572,7 @@ def options(tmp_path, script="", **more):
 
 
 def hear(fd, wanted, patience_s=PATIENCE_S):
-    """Read until `wanted` has come."""
+    """Read until `wanted` has arrived."""
     came = b""
     end_s = time.monotonic() + patience_s
     while wanted not in came:
@@ -651,7 +651,7 @@ def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
     assert left[0] == left[1]
     dead.close()
     assert list(tmp_path.iterdir()) == [tmp_path / "script"]
-    master, slave = os.openpty()  # another program has the number now
+    master, slave = os.openpty()  # Another process has reused the number.
     os.symlink(os.ttyname(slave), tmp_path / "port")
     with pytest.raises(AddressError, match="no simulated device made it"):
         SerialPuckPeer(options(tmp_path)).open()
@@ -682,7 +682,7 @@ def test_paths_that_are_taken(tmp_path):
         SerialPuckPeer(options(tmp_path)).open()
     first.close()
     first.close()
-    os.symlink("/dev/pts/not-there", tmp_path / "port")  # of a peer that died
+    os.symlink("/dev/pts/not-there", tmp_path / "port")  # of a peer that has died
     again = SerialPuckPeer(options(tmp_path))
     again.open()
     again.close()

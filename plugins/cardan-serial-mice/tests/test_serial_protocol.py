@@ -1,4 +1,4 @@
-"""The serial protocols: worked bytes, round trips, and streams in any pieces with any noise."""
+"""The serial protocols: worked bytes, round trips, and streams in any pieces with noise."""
 
 import itertools
 
@@ -231,7 +231,7 @@ def test_what_else_a_spaceorb_says():
     text = " Spaceball (R) V4.34 19-Oct-96 Copyright (C) 1996"
     stream = b"\r" + encode_orb_reset(text) + encode_orb_error(5) + encode_orb_text("N", b"\x08")
     assert OrbReader().feed(stream) == [OrbReset(text.strip()), OrbError(5), OrbText(78, b"\x08")]
-    # A packet without a length of its own ends at the next one, or at a carriage return.
+    # A packet without a length ends at the next packet, or at a carriage return.
     reader = OrbReader()
     assert reader.feed(encode_orb_reset(text)) == []
     assert reader.feed(b"\r") == [OrbReset(text.strip())]

@@ -1,4 +1,4 @@
-"""The device of a session, served by way of the bus, and its model."""
+"""The device of a session, served through the bus, and its model."""
 
 import socket
 import threading
@@ -31,7 +31,7 @@ def state(axes=NEUTRAL, buttons=(), link=DeviceLink.LIVE):
 
 @pytest.mark.matrix
 def test_a_session_serves_programs_that_use_libspnav(tmp_path):
-    """Programs get motion, buttons by spacenavd's numbers, and the end of both."""
+    """Programs receive motion, buttons by spacenavd's numbers, and the end of both."""
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     port, path = free_ports(), tmp_path / "spnav.sock"
     labels = SpaceMouse(model="spacemouse-pro").capabilities.buttons
@@ -71,7 +71,7 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
             def pushed():
                 return state(PUSH)
 
-            # It is an operator's once it was touched and let go.
+            # The device becomes active after a deflection and a return to rest.
             until(lambda each: isinstance(each, Button), lambda: state(PUSH, ["esc"]))
             added = until(
                 lambda each: isinstance(each, Button) and not each.pressed, lambda: state()
@@ -80,7 +80,7 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
             while time.monotonic() < rest_s:
                 topics.offer(state(), time.monotonic(), time.time_ns())
                 time.sleep(0.004)
-            assert added == Button(11, False)  # As spacenavd numbers esc.
+            assert added == Button(11, False)  # spacenavd's number of the key esc
             motion = until(lambda each: isinstance(each, MotionEvent) and any(each[:6]), pushed)
             assert motion.z == pytest.approx(0.5 * 350, abs=1)
             button = until(lambda each: isinstance(each, Button), lambda: state(PUSH, ["menu"]))

@@ -1,4 +1,4 @@
-"""The spacenavd-compatible socket itself: access, service and its cost."""
+"""The spacenavd-compatible socket: access, service, and its cost."""
 
 import contextlib
 import ctypes
@@ -57,8 +57,8 @@ class Program:
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.sock.settimeout(TIMEOUT_S)
         deadline_s = time.monotonic() + TIMEOUT_S
-        while self.sock.connect_ex(str(path)):  # it is there a moment before it listens
-            assert time.monotonic() < deadline_s, "nobody listens"
+        while self.sock.connect_ex(str(path)):  # not listening yet
+            assert time.monotonic() < deadline_s, "no server listens"
             time.sleep(0.005)
         self.reader = ServerReader()
         self.values = []
@@ -90,7 +90,7 @@ def path(tmp_path):
 
 @contextlib.contextmanager
 def served(path, buttons=("left", "right"), axes=REST, **options):
-    """A service to which a loop offers what `offered` says, every 4 ms."""
+    """Run a service, with a loop that offers the state every 4 ms."""
     service = SpnavService(buttons, SpnavServerOptions(socket=str(path), **options))
     service.axes = axes
     service.edges = []
@@ -206,7 +206,7 @@ def test_programs_come_and_go_and_a_stuck_one_blocks_nobody(path):
             assert time.monotonic() < deadline_s
             time.sleep(0.01)
         assert service.metrics()["served_clients"] == 6
-        # The stuck one reads again: old motion of what the kernel keeps, then the newest.
+        # The stalled client reads again: old motion kept by the kernel, then the newest.
         service.axes = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         assert stuck.until(lambda value: value[2] == -350)
         stuck.close()
@@ -292,7 +292,7 @@ def test_what_the_device_is_may_be_known_only_once_it_is_plugged_in(path):
     assert change == DeviceChange(True, 0, 0x20D, 0x256F, 0xC631)
     assert (
         program.until(lambda value: isinstance(value, MotionEvent)).z == 250
-    )  # of 500, as spacenavd
+    )  # of 500, like spacenavd
     program.close()
     service.stop()
 
@@ -461,7 +461,7 @@ def test_libspnav_opens_asks_and_gets_motion_and_buttons(path, library):
         assert library.spnav_protocol() == 1
         assert library.spnav_client_name(b"a judge of a rather long name") == 0
         name = ctypes.create_string_buffer(128)
-        for _ in range(3):  # while deflected: no event is taken for an answer
+        for _ in range(3):  # While deflected: no event is mistaken for an answer.
             assert library.spnav_dev_name(name, len(name)) > 0
             assert name.value.decode() == core_options["name"]
             assert library.spnav_dev_buttons() == 3
@@ -485,7 +485,7 @@ def test_libspnav_opens_asks_and_gets_motion_and_buttons(path, library):
 
 
 class OneDevice(Transport):
-    """The way to a device that is plugged in, and rests."""
+    """Transport to a connected device at rest."""
 
     name = "stand-in"
 
@@ -502,7 +502,7 @@ class OneDevice(Transport):
 
 
 class Resting(HidLink):
-    """An open device that nobody touches."""
+    """An open device at rest."""
 
     def read(self, timeout_s):
         threading.Event().wait(timeout_s)

@@ -1,4 +1,4 @@
-"""Records that spacenavd's programs get from a device, in virtual time."""
+"""Records that programs of spacenavd receive from a device, in virtual time."""
 
 import struct
 from itertools import pairwise
@@ -42,7 +42,7 @@ def device_state(axes=REST, link=DeviceLink.LIVE):
 
 
 class Program:
-    """A client of the core, with an ideal socket in between."""
+    """A client of the core, connected by an ideal socket."""
 
     def __init__(self, bench, *, version=0):
         self.bench = bench
@@ -72,7 +72,7 @@ class Program:
 
 
 class Bench:
-    """The core, a clock, and a device that is at rest at first."""
+    """The core, a clock, and a device initially at rest."""
 
     def __init__(self, *buttons, plugged=True, **options):
         self.now_s = 100.0
@@ -93,7 +93,7 @@ class Bench:
         self.core.offer(device_state(axes, link), events, self.now_s)
 
     def run(self, duration_s, axes=REST, *, link=DeviceLink.LIVE):
-        """The loop offers the same state every 4 ms."""
+        """Offer the same state every 4 ms, like the session's loop."""
         for _ in range(round(duration_s / TICK_S)):
             self.now_s += TICK_S
             self.offer(axes, link=link)
@@ -201,7 +201,7 @@ def test_a_deflection_that_is_not_offered_any_more_ends():
 
 
 GROWN = DeviceChange(True, 0, 0, 0, 0)
-"""The device is reported again when it has more buttons than were known."""
+"""Repeated announcement of a device that has more buttons than were known."""
 
 
 @pytest.mark.parametrize("first", [("left", "right"), ("right", "left")])
@@ -302,7 +302,7 @@ def test_a_device_that_is_gone_holds_no_button():
     assert program.take() == [Button(0, True), Button(0, False)]
 
 
-# -- clients that come, go, and do not read -----------------------------------------------------
+# -- clients that connect, disconnect, and do not read -------------------------------------------
 
 
 def test_programs_get_the_same_whatever_their_version():
@@ -402,7 +402,7 @@ def test_a_new_program_is_left_in_peace_until_it_has_asked_its_questions():
     assert program.take() == []
     bench.run(0.6 * QUIET_S, PUSH)
     assert [type(value) for value in program.take()] == [Button, MotionEvent]
-    # From then on answers overtake events, and hold none of them back.
+    # From now on answers overtake events and delay none of them.
     bench.run(0.1, PUSH)
     program.send(encode_request(Code.DEV_NAXES))
     assert [type(value) for value in program.take()] == [ServerReply, MotionEvent]
@@ -506,7 +506,7 @@ def test_each_program_has_its_own_sensitivity(version):
     else:
         program.send(encode_sensitivity(-0.3))
     bench.offer(PUSH)
-    assert program.take()[0].z == -52  # cut off, not rounded
+    assert program.take()[0].z == -52  # truncated, not rounded
     assert other.take()[0].z == 175
 
 
@@ -550,7 +550,7 @@ def test_what_ended_while_it_was_left_out_is_reported_once_it_is_asked_for():
     assert motion[:6] == (0,) * 6
     assert edges == [Button(0, False), Button(1, True)]
     program.send(encode_request(Code.SET_EVMASK, (MASK_V1,)))
-    assert len(program.take()) == 1  # nothing was left out
+    assert len(program.take()) == 1  # Nothing was left out.
 
 
 def test_motion_beyond_32_bits_is_clamped():
@@ -612,7 +612,7 @@ def test_an_led_that_is_not_theirs_is_refused():
     assert not program.ask(Code.GCFG_LED).ok
 
 
-# -- nonsense -----------------------------------------------------------------------------------
+# -- invalid data -------------------------------------------------------------------------------
 
 
 @given(st.lists(st.binary(max_size=100), max_size=20), st.booleans())

@@ -1,4 +1,4 @@
-"""Identity of the device behind the server for programs, and the counts that they then get."""
+"""Identity of the device behind the server, and the counts that programs then get."""
 
 import pytest
 
@@ -26,7 +26,7 @@ UNTOLD = {
     "universal-receiver-2",
     "universal-receiver-2-c65c",
 }
-"""Models without a device type of their own: of receivers nobody knows the puck."""
+"""Models without a separate device type: the puck behind a receiver is unknown."""
 
 
 def usb_mouse(model):
@@ -38,7 +38,7 @@ def serial_mouse(model):
 
 
 def counts_of(axes, identity, full_scale=None):
-    """Return the counts that a program gets of a deflection."""
+    """Return a program's counts for a deflection."""
     core = SpnavServerCore(full_scale=full_scale)
     core.identify(identity)
     number = core.connect(0.0)
@@ -101,11 +101,11 @@ SPACENAVD = {
     "spacemouse-pro-wireless-bt": PRO,
     "spacemouse-enterprise": ENTERPRISE,
 }
-"""Keys in the order of the numbers that spacenavd's table of devices gives them."""
+"""Keys ordered by the numbers in spacenavd's table of devices."""
 
 
 def numbers_of(mouse):
-    """Return a program's number for each button of `mouse`, and how many there are."""
+    """Return a program's number for each button of `mouse`, and the number of buttons."""
     core = SpnavServerCore()
     core.identify(identity_of(mouse))
     core.name_buttons(mouse.capabilities.buttons)
@@ -132,7 +132,7 @@ def numbers_of(mouse):
 
 @pytest.mark.parametrize("model", [m for m in MODELS if not m.receiver], ids=lambda m: m.key)
 def test_every_button_has_spacenavds_number(model):
-    """The keys of most models have the bit of their report."""
+    """The keys of most models are numbered by their bit in the report."""
     keys = (
         dict(enumerate(SPACENAVD[model.key].split())) if model.key in SPACENAVD else model.buttons
     )
@@ -143,7 +143,7 @@ def test_every_button_has_spacenavds_number(model):
 
 @pytest.mark.parametrize("model", SERIAL_MODELS, ids=lambda m: m.key)
 def test_the_buttons_of_a_serial_device_have_spacenavds_numbers(model):
-    """Its numbers are in the order of ours; it knows no button for zero."""
+    """Numbers follow the order of our table; there is no button for zero."""
     numbers, _ = numbers_of(serial_mouse(model))
     assert numbers == {label: number for number, label in enumerate(model.buttons.values())}
 
@@ -188,7 +188,7 @@ def test_a_name_that_is_given_wins():
 def test_other_devices_have_only_a_name():
     assert identity_of(Gamepad()) == DeviceIdentity("Cardan")
     assert identity_of(Gamepad(), "Pad") == DeviceIdentity("Pad")
-    assert identity_of(SpaceMouse()) == DeviceIdentity("Cardan")  # until it is open
+    assert identity_of(SpaceMouse()) == DeviceIdentity("Cardan")  # unknown until the device is open
 
 
 def test_an_attribute_of_the_same_name_that_is_something_else():

@@ -1,4 +1,5 @@
-"""The layers of spacenavd's socket against worked records and the codec, and against damage."""
+"""The layers of spacenavd's socket: worked records, comparison with the codec, and damaged
+records."""
 
 import math
 import struct

@@ -1,4 +1,4 @@
-"""The suite of spacenavd's socket at Debian's spacenavd, and at Cardan's own server."""
+"""The suite of spacenavd's socket on Debian's spacenavd, and on Cardan's own server."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tests.scripted_operator import ScriptedOperator
 from tests.spacenavd import spacenavd
 
 UNMET = {"SPNAV-112"}
-"""Requirements that spacenavd 1.1 does not meet: it does not announce a changed setting."""
+"""Requirement that spacenavd 1.1 does not meet: it does not announce a changed setting."""
 
 
 @pytest.mark.matrix
 def test_spacenavd_meets_what_our_own_server_does():
-    """And where it does not, it is known and said in the plug-in's README."""
+    """Exceptions are listed in the plug-in's README."""
     hand = ScriptedOperator((*SAME, *SCALED, *MASKED, *ALONE))
     suite = registry.load("spnav")
-    with tempfile.TemporaryDirectory(prefix="cardan-") as folder:  # A socket's path is short.
+    with tempfile.TemporaryDirectory(prefix="cardan-") as folder:  # Socket paths are short.
         daemon = spacenavd(Path(folder), "0.1 neutral", motion=hand, jitter_lsb=1)
         with daemon as (path, _):
             report, _ = run.at(suite, str(path), Level.HOLD, hand.instructions.put, seconds=1.0)
     outcomes = {each.id: each.outcome for each in report.results}
-    # Not those of times: this computer may stand still at any moment.
+    # Timing requirements are left out: this computer may stall at any moment.
     timed = {"SPNAV-007", "SPNAV-011", "SPNAV-101", "SPNAV-102", "SPNAV-103"}
     assert {*report.failed} - timed == UNMET, report.as_text()
     unseen = {name for name, each in outcomes.items() if each is VerdictOutcome.NOT_SEEN}

@@ -27,12 +27,12 @@ HANDLE = 0x0B
 ADDRESS = bytes.fromhex("001f32abcdef")
 BUTTONS_A = bytes.fromhex("a1 30 00 08")
 HOST_CONTROL, HOST_INTERRUPT, REMOTE_CONTROL, REMOTE_INTERRUPT = 0x40, 0x41, 0x41, 0x40
-"""Numbers of one side are those of the other side's other channel, as they may be."""
+"""Channel ids of one side may equal those of the other side's other channel, as here."""
 
 
 def acl(payload, handle=HANDLE, boundary=2):
     data = bytes(payload)
-    # By hand: scapy's names of these fields differ between its versions.
+    # Packed by hand, because scapy's names of these fields differ between versions.
     return struct.pack("<BHH", 2, handle | boundary << 12, len(data)) + data
 
 
@@ -45,7 +45,7 @@ def signal(command, code, number):
 
 
 def set_up(psm, host_cid, remote_cid, number):
-    """The host opens a channel."""
+    """Return the packets with which the host opens a channel."""
     return [
         (False, signal(L2CAP_ConnReq(psm=psm, scid=host_cid), 2, number)),
         (True, signal(L2CAP_ConnResp(dcid=remote_cid, scid=host_cid, result=1), 3, number)),
@@ -116,7 +116,7 @@ SECOND_ADAPTER = 1 << 16
 
 
 def in_btsnoop(datalink, to_host, packet):
-    """The flags of a packet in such a log, and its bytes there."""
+    """Return a packet's flags and bytes in such a log."""
     kind = packet[0]
     if datalink == MONITOR:
         return SECOND_ADAPTER | (3 if kind == 4 else 5 if to_host else 4), packet[1:]
@@ -124,7 +124,7 @@ def in_btsnoop(datalink, to_host, packet):
 
 
 def btsnoop(datalink, records):
-    """A log of (flags, bytes), 10 ms apart, before the last of which 3 were lost."""
+    """Return a log of (flags, bytes), 10 ms apart, with 3 packets lost before the last one."""
     log = b"btsnoop\0" + struct.pack(">II", 1, datalink)
     for number, (flags, data) in enumerate(records):
         lost = 3 * (number == len(records) - 1)
@@ -250,7 +250,7 @@ def test_a_session_with_its_set_up(dissected):
 @pytest.mark.parametrize("link_type", [187, 201])
 def test_without_the_set_up_the_header_byte_tells(dissected, link_type):
     packets = [
-        (True, on(0x70, bytes.fromhex("06 00 01 00 02 35 03"))),  # of another channel
+        (True, on(0x70, bytes.fromhex("06 00 01 00 02 35 03"))),  # of a different channel
         interrupt_in("30 00 08", cid=0x77),
         (False, on(0x78, bytes.fromhex("52 11 21"))),
         interrupt_out("10 00", cid=0x79),
@@ -295,7 +295,7 @@ def test_set_up_by_the_remote_and_other_protocols_on_its_link(dissected):
         interrupt_in("30 00 08", cid=0x62),  # service discovery, by its PSM
         interrupt_out("10 01", cid=0x51),
         (False, signal(L2CAP_DisconnReq(dcid=0x51, scid=0x61), 6, 3)),
-        interrupt_in("30 00 00", cid=0x61),  # by its header byte again
+        interrupt_in("30 00 00", cid=0x61),  # by its header byte
     ]
     _, shown, _ = dissected(packets)
     assert shown == [
@@ -365,7 +365,7 @@ def test_connections_end_and_handles_are_used_again(dissected):
         *both_channels(),
         interrupt_in("30 00 08"),
         DISCONNECTED,
-        interrupt_in("01 00 00"),  # another device's
+        interrupt_in("01 00 00"),  # of another device
         interrupt_in("30 00 00", cid=0x50),
     ]
     _, shown, lines = dissected(packets)
@@ -379,7 +379,7 @@ def test_fragments_damage_and_unknown_reports(dissected):
     rest = struct.pack("<BHH", 2, HANDLE | 1 << 12, len(whole) - 6) + whole[6:]
     packets = [
         *both_channels(),
-        (True, rest),  # without its beginning
+        (True, rest),  # without its start
         (True, struct.pack("<BHH", 2, HANDLE | 2 << 12, 6) + whole[:6]),
         (True, rest),
         interrupt_in("31 60 48"),

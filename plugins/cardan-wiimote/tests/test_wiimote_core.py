@@ -24,7 +24,7 @@ from wiimote_bench import REST, Bench
 
 SIN = {degrees: math.sin(math.radians(degrees)) for degrees in (10, 20, 30, 45)}
 A, TWO = button_mask(["a"]), button_mask(["2"])
-CLOSE = 0.012  # the accelerometer's step is 0.01 g
+CLOSE = 0.012  # the accelerometer's resolution is 0.01 g
 PAPER = MappingOptions(frame=Frame.TOOL, linear_speed_m_s=0.01, angular_speed_rad_s=0.1)
 
 EVERYTHING = [
@@ -37,7 +37,7 @@ EVERYTHING = [
 
 
 def held(bench, *labels, right_deg=0.0, down_deg=0.0):
-    """Live, the buttons pressed, then tilted."""
+    """Return the state after the link is live, buttons are pressed and the remote is tilted."""
     bench.ready()
     bench.press(*labels)
     bench.tilt(right_deg, down_deg)
@@ -121,7 +121,7 @@ def test_the_worked_motion_plus():
     bench.remote.port.data = lambda size: frame.ljust(size, b"\0")
     bench.run(0.05)
     rates = [math.degrees(bench.metrics()[f"rate_{axis}_rad_s"]) for axis in "xyz"]
-    # (-600.2, -90.0, -30.0) about left, tail and up.
+    # (-600.2, -90.0, -30.0) about left, tail and up
     assert rates == pytest.approx((90.0, -600.2, -30.0), abs=0.1)
 
 
@@ -164,7 +164,8 @@ def test_the_worked_camera():
 )
 @pytest.mark.parametrize("yaw", [False, True])
 def test_the_papers_numbers(buttons, twist, yaw):
-    """Its acceleration (0.4, -0.2) g, the second one turned round: nose up is positive there."""
+    """The paper's acceleration is (0.4, -0.2) g, with the second one negated: nose up is positive
+    there."""
     bench = Bench()
     bench.remote.set_attitude(math.atan2(0.4, math.sqrt(0.8)), -math.asin(0.2))
     bench.ready()
@@ -179,13 +180,13 @@ def test_the_papers_numbers(buttons, twist, yaw):
     assert asked.frame is Frame.TOOL
 
 
-# The program of uc3m has (-30, -22, 72) counts beside 512 at 0 g, and 99, 101 and 97 a g. Its y is
-# turned round, so that nose up is positive; the twist that it sends turns it back.
+# The program of uc3m has the offsets (-30, -22, 72) from 512 counts at 0 g, and 99, 101 and 97
+# counts per g. Its y is negated, so that nose up is positive; its twist negates it back.
 UC3M = AccelerometerCalibration((482, 490, 584), (581, 591, 681))
 
 
 def uc3m_twist(*counts, yaw=False):
-    """The tool's twist (m/s, rad/s) once the remote, A held, has told `counts` for a second."""
+    """Return the tool's twist (m/s, rad/s) after a second of reports with `counts`, with A held."""
     core = WiimoteCore(WiimoteOptions(dead_zone=0.0))
     core.on_opened(0.0, Identity())
     core.outgoing(0.0)
@@ -214,11 +215,12 @@ def uc3m_twist(*counts, yaw=False):
 
 @pytest.mark.judged(device="Wiimote", transport="reports", by="worked bytes")
 def test_the_sample_of_uc3ms_program():
-    """(97, -60) counts: 1.283 and 0.376 of a g, and (0, 0, 0.01, 0.128, -0.038, 0) from it."""
+    """(97, -60) counts are 1.283 and 0.376 g, and give the twist (0, 0, 0.01, 0.128, -0.038, 0)
+    there."""
     sample = (512 + 97, 512 - 60, 584)
     x, y, z = to_g(sample, UC3M.zero, UC3M.one_g)
     assert (x, -y, z) == pytest.approx((1.283, 0.376, 0.0), abs=5e-4)
-    # No hand that is still measures 1.34 g: the driver leaves such samples out.
+    # A hand at rest never measures 1.34 g: the driver ignores such samples.
     assert uc3m_twist(*sample) == pytest.approx((0, 0, 0.01, 0, 0, 0))
     # The same tilt, at 1 g.
     size = math.hypot(x, y)
@@ -227,7 +229,7 @@ def test_the_sample_of_uc3ms_program():
     assert uc3m_twist(*tilted) == pytest.approx(expected, abs=1e-3)
     turned = (0, 0, 0.01, 0, -0.038 / size, 0.128 / size)
     assert uc3m_twist(*tilted, yaw=True) == pytest.approx(turned, abs=1e-3)
-    # Within what counts as gravity, a tilt beyond 1 g is 1 g.
+    # Within the tolerance of gravity, a tilt beyond 1 g counts as 1 g.
     assert uc3m_twist(482 + 113, 490, 584) == pytest.approx((0, 0, 0.01, 0.1, 0, 0))
     assert uc3m_twist(482, 490 - 115, 584) == pytest.approx((0, 0, 0.01, 0, -0.1, 0), abs=1e-9)
 
@@ -413,7 +415,7 @@ def test_the_rest_point_is_refined():
 
 
 def test_a_slow_turn_before_the_clutch_moves_nothing_after():
-    """It looks like a rest point that has moved."""
+    """A slow, steady turn looks like a changed rest point."""
     options = WiimoteOptions(roles="gyro", gyro_full_scale_rad_s=0.3)
     bench = Bench(options, motion_plus=True)
     bench.ready()
@@ -528,7 +530,7 @@ def test_the_camera_fits_what_is_plugged_in():
     assert (bench.metrics()["pointer_x"], bench.metrics()["pointer_y"]) == (-1.0, 1.0)
 
 
-# -- tilt that cannot be told ---------------------------------------------------------------------
+# -- unknown tilt ---------------------------------------------------------------------------------
 
 
 def test_a_shaken_remote_freezes_and_then_rests():
@@ -643,7 +645,7 @@ def test_a_mode_that_somebody_set_is_put_right():
 
 
 def test_the_kernels_habit_after_a_status():
-    """Its 12 00 30 comes after ours."""
+    """The other program's data mode (12 00 30) follows ours."""
     bench = Bench(identity=Identity(kernel_driver=True))
     bench.ready()
     for _ in range(5):
@@ -674,7 +676,7 @@ def test_modes_come_after_every_status():
     assert isinstance(decode_output(bench.sent[-1][1]), DataMode)
 
 
-# -- whatever comes -------------------------------------------------------------------------------
+# -- arbitrary input ------------------------------------------------------------------------------
 
 
 @given(st.lists(st.binary(max_size=24), max_size=60))
@@ -736,7 +738,7 @@ def test_its_inertial_sensors_are_reported_while_they_are_heard():
     bench.ready()
     bench.tilt(right_deg=30.0)
     inertia = bench.run(0.5).inertia
-    # The specific force points up, which is to the left of a remote that leans to the right.
+    # The specific force points up, which is left of a remote that is tilted to the right.
     assert inertia.acceleration == pytest.approx(
         (0.0, 9.80665 * SIN[30], 9.80665 * math.cos(math.radians(30.0))), abs=9.81 * CLOSE
     )

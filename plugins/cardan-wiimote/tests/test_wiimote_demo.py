@@ -45,7 +45,7 @@ def test_a_remote_is_lit_and_rumbles_where_the_workspace_ends(tmp_path, monkeypa
     with in_a_thread(WiimotePeer(options)) as peer:
         last = make_session(load_config(narrow)).run(3.0)
         deadline_s = time.monotonic() + 5.0
-        while True:  # the remote may still have to read the last words
+        while True:  # The remote may still have to read the last reports.
             said = [entry.what for entry in peer.device.log]
             dark = [words for words in said if "LEDs" in words][-1:] == ["LEDs ----"]
             quiet = [words for words in said if "rumble" in words][-1:] == ["rumble off"]

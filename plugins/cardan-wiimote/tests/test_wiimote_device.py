@@ -1,4 +1,5 @@
-"""The driver as users have it, mostly against the simulated remote over its two sockets."""
+"""The driver with its thread and transports, mostly with the simulated remote on its two
+sockets."""
 
 import threading
 import time
@@ -26,9 +27,9 @@ BEFORE = {"in-range": "out-of-range", "power-on": "power-off"}
 TIMED = {
     "silence", "out-of-range", "power-off", "close-control", "close-interrupt", "battery-low",
 }  # fmt: skip
-"""Faults that come once, at a time."""
+"""Faults that occur once, at a given time."""
 GAPS = {"silence", "close-control", "close-interrupt", "burst", *BEFORE}
-"""Those after which the driver has no remote, for a while."""
+"""Faults after which the driver has no remote for a while."""
 
 
 @pytest.fixture(autouse=True)
@@ -39,7 +40,7 @@ def _hasty(monkeypatch):
 
 @pytest.fixture
 def idle(tmp_path):
-    """A script in which nobody touches the remote."""
+    """A script in which the remote rests."""
     script = tmp_path / "idle.script"
     script.write_text("0.0 level\n")
     return str(script)
@@ -59,7 +60,8 @@ def live(wiimote):
 
 
 def gripped(peer, wiimote, condition):
-    """Hold A until `condition` of the state; a machine that stalls takes the hand off: again."""
+    """Hold A until the state meets `condition`; a machine that stalls releases the clutch, so grip
+    again."""
     end_s = time.monotonic() + PATIENCE_S
     while not condition(state := wiimote.state()):
         assert time.monotonic() < end_s, (state, wiimote.diagnosis())
@@ -72,7 +74,7 @@ def gripped(peer, wiimote, condition):
 
 
 def lasting(words):
-    """Of a diagnosis, what a busy machine does not cause."""
+    """Return the diagnosis messages that are not caused by a busy machine."""
     return [w for w in words if not any(s in w for s in ("silences", "data mode", "in time"))]
 
 
@@ -108,7 +110,7 @@ def test_every_kind_of_remote(tmp_path, idle, remote, ir):
 
 
 class Noted(Wiimote):
-    """Keeps the states that it has after every report and every loss."""
+    """Records the state after every report and every loss."""
 
     def __init__(self, *arguments, **keywords):
         super().__init__(*arguments, **keywords)
@@ -123,7 +125,7 @@ class Noted(Wiimote):
 
 
 def next_fault(peer):
-    """The fault that would come next comes now."""
+    """Trigger the next scheduled fault now."""
     (_, act), *later = peer.device._happenings
     peer.device._happenings = [(0.0, act), *later]
 
@@ -131,7 +133,7 @@ def next_fault(peer):
 @pytest.mark.judged(device="Wiimote", transport="seqpacket sockets", by="simulated peer")
 @pytest.mark.parametrize("name", [switch.name for switch in FAULTS])
 def test_faults_end_to_end(tmp_path, idle, name):
-    """Timed faults happen when the driver is ready for them, whenever that is."""
+    """Timed faults are triggered when the driver is ready for them."""
     faults = {name: EARLY.get(name, fault_default(name))}
     if name in BEFORE:
         faults[BEFORE[name]], faults[name] = NOT_YET_S, 2.0 * NOT_YET_S
@@ -231,7 +233,7 @@ def test_feedback_before_open(tmp_path):
 
 
 class Silent(Link):
-    """A remote that says nothing."""
+    """A remote that sends nothing."""
 
     def __init__(self):
         self.written, self.closed = [], False
@@ -247,7 +249,7 @@ class Silent(Link):
 
 
 class Absent(Silent):
-    """A remote that is not there, as seen through an adapter."""
+    """An absent remote, as seen through an adapter."""
 
     def write(self, report):
         raise OSError(32, "Broken pipe")
@@ -319,7 +321,7 @@ def test_none_is_meant():
 
 
 class Lossy(Silent):
-    """A remote that is lost when it is told."""
+    """A remote that is lost on request."""
 
     lost = False
 
@@ -330,7 +332,7 @@ class Lossy(Silent):
 
 
 class Returning(Shelf):
-    """Remotes that can be lost."""
+    """A set of remotes that can be lost."""
 
     def open(self, remote, given_up):
         self.opened.append(remote.path)
@@ -348,7 +350,7 @@ def test_another_remote_is_no_successor():
         assert f"the remote {FIRST.address} is gone" in wiimote.state().reason
         assert any(SECOND.address in words for words in wiimote.diagnosis())
         assert shelf.opened == [FIRST.path]
-        # It is back, and the system calls it by another path.
+        # The remote is back, with another device path.
         shelf.remotes = (SECOND, FIRST._replace(path="/dev/hidraw7"))
         until(lambda: len(shelf.opened) == 2)
         assert shelf.opened[1] == "/dev/hidraw7"
@@ -463,7 +465,7 @@ def test_options_that_are_refused(options, words):
 
 
 class OneReport:
-    """Gives one report, then tells the reader to stop."""
+    """Returns one report, then stops the reader."""
 
     def __init__(self, report):
         self.stop = threading.Event()

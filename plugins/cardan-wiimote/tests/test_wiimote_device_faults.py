@@ -1,5 +1,5 @@
-"""The Wii Remote against every way to lose it, as tests/test_device_faults.py has all others:
-neutral in time, and no way back but by a neutral state. The table of the README is of this."""
+"""Loss faults of tests/test_device_faults.py applied to the Wii Remote: neutral in time, and
+re-arming only after a neutral state. These tests produce the README's table."""
 
 from pathlib import Path
 

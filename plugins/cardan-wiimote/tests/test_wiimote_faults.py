@@ -1,4 +1,4 @@
-"""Every fault that the simulated remote can have: neutral in time, and on only after a new grip."""
+"""Every fault of the simulated remote: neutral in time, and motion only after a new grip."""
 
 import random
 
@@ -17,15 +17,15 @@ NEUTRAL_WITHIN_S = 0.1
 OPTIONS = WiimoteOptions(dead_zone=0.0)
 
 NAMES = [switch.name for switch in FAULTS if switch.name != "refuse"]
-"""That one is of the sockets."""
+"""All faults except "refuse", which exists only with sockets."""
 FATAL = {"out-of-range", "power-off", "woken-by-1-2"}
-"""Nobody can go on after these."""
+"""Faults without recovery."""
 BEFORE = {"in-range": "out-of-range", "power-on": "power-off"}
 STOPS = {
     "silence", "out-of-range", "in-range", "power-off", "power-on", "close-control",
     "close-interrupt", "burst",
 }  # fmt: skip
-"""These disengage teleoperation."""
+"""Faults that disengage teleoperation."""
 NEEDS = {"woken-by-1-2": {"tr": True}, "hot-plug": {"extension": "nunchuk"}}
 
 
@@ -37,7 +37,7 @@ def faulty(name, options=OPTIONS, **more):
 
 
 def check(bench):
-    """The rule of safety at every step so far, the clutch having been held since the start."""
+    """Check the safety rule at every step so far, with the clutch held since the start."""
     distrusted = False
     for now_s, age_s, state in bench.states:
         if any(state.axes):
@@ -48,7 +48,7 @@ def check(bench):
             distrusted = True
         if age_s > NEUTRAL_WITHIN_S:
             assert state.link is not DeviceLink.LIVE, now_s
-            # At the start acknowledgments alone may tell of buttons.
+            # At the start the buttons may be reported by acknowledgments only.
             assert not state.buttons or state.link is DeviceLink.NEEDS_NEUTRAL, now_s
             assert state.reason, now_s
         if state.link is not DeviceLink.LIVE:
@@ -118,7 +118,7 @@ def test_silence_ends_in_stale_then_lost():
 
 
 def test_reports_that_are_late_do_not_count_as_rest():
-    """Reports queued while the link was down say nothing about the present."""
+    """Reports queued while the link was down do not show the present state."""
     bench = Bench(OPTIONS)
     bench.ready()
     bench.press("a")
@@ -163,7 +163,7 @@ def test_acknowledgments_alone_are_no_data():
 
 @pytest.mark.parametrize("needed", ["nunchuk", "motion-plus"])
 def test_a_part_that_falls_silent(needed):
-    """The remote streams on, but what the roles use says nothing any more."""
+    """The remote keeps sending, but without valid data of the part that the roles need."""
     plus = needed == "motion-plus"
     options = WiimoteOptions(dead_zone=0.0, roles="gyro" if plus else "paper")
     bench = Bench(options, extension="" if plus else "nunchuk", motion_plus=plus)
@@ -271,7 +271,8 @@ def act(bench, what):
 
 @pytest.mark.parametrize("roles", ROLES)
 def test_whatever_happens(roles):
-    """Axes only of a live remote with a clutch held that was let go since the link was bad."""
+    """The axes are nonzero only for a live remote whose clutch was released after the last
+    fault."""
     moved = 0
     for seed in range(8):
         bench = Bench(
@@ -295,7 +296,7 @@ def test_whatever_happens(roles):
 
 
 def check_all(bench, clutch):
-    """Whether it moved at all; fails where it must not have."""
+    """Check the rule at every step; return whether the remote moved anything."""
     let_go = moved = False
     for now_s, age_s, state in bench.states:
         if state.link is not DeviceLink.LIVE:

@@ -1,4 +1,4 @@
-"""The rest point of the gyroscopes."""
+"""Estimate of the gyroscopes' rest point."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The Wii Remote's layers against worked reports, against the codec, and against damage."""
+"""The Wii Remote's layers: worked reports, comparison with the codec, and damaged reports."""
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -87,7 +87,7 @@ def test_worked_reports_both_ways(entry, data, report):
         assert dissected.getfieldval(field.name) == report.getfieldval(field.name)
     dissected.clear_cache()
     assert bytes(dissected) == data
-    assert bytes(entry(data + bytes(3))) == data + bytes(3)  # padding is kept apart
+    assert bytes(entry(data + bytes(3))) == data + bytes(3)  # Padding is a separate field.
 
 
 def test_acceleration_and_buttons_of_worked_reports():

@@ -1,4 +1,4 @@
-"""Scripted hands on the simulated remote."""
+"""Motion scripts of the simulated remote."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_turn_rates_are_the_derivative_of_the_angles():
     host.run(0.5)
     assert plus.rates_rad_s == pytest.approx((0, 0, 0), abs=1e-9)
     host.run(0.255)
-    # Right side down is about forward, which is minus the tail's axis.
+    # Right side down is a rotation about forward, which is minus the tail's axis.
     assert plus.rates_rad_s[1] == pytest.approx(-math.radians(30) * math.pi, rel=0.01)
 
 
@@ -112,7 +112,7 @@ def test_plug_power_and_range():
     assert len(host.run(0.5)) > 30
     host.run(0.3)
     assert host.run(0.7) == []
-    assert host.remote.connected  # for less than the link's patience
+    assert host.remote.connected  # for less than the link's timeout
     assert len(host.run(1.0)) > 70
     host = Host("0.5 leave\n6 power-off\n7 come-back\n8 power-on")
     host.run(2.4)

@@ -1,4 +1,4 @@
-"""The simulated remote over its sockets, over a uhid that is not the kernel's, and judged."""
+"""The simulated remote over its sockets, over a fake uhid, and with independent programs."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ DEADLINE_S = 30.0
 def wait_until(condition: Callable[[], object]) -> None:
     deadline_s = time.monotonic() + DEADLINE_S
     while not condition():
-        assert time.monotonic() < deadline_s, "waited in vain"
+        assert time.monotonic() < deadline_s, "the condition did not hold in time"
         time.sleep(0.002)
 
 
@@ -81,7 +81,7 @@ def channel(directory: Path, psm: str) -> socket.socket:
 
 
 def comes_back(directory: Path) -> bool:
-    """Whether both channels can be connected to."""
+    """Return True if both channels accept connections."""
     try:
         with channel(directory, "psm11"), channel(directory, "psm13"):
             return True
@@ -91,13 +91,13 @@ def comes_back(directory: Path) -> bool:
 
 @contextlib.contextmanager
 def link(directory: Path) -> Iterator[tuple[socket.socket, socket.socket]]:
-    """Both channels, control first."""
+    """Open both channels, control first."""
     with channel(directory, "psm11") as control, channel(directory, "psm13") as interrupt:
         yield control, interrupt
 
 
 def receive(interrupt: socket.socket, kind: type) -> object:
-    """The next report of that kind."""
+    """Return the next report of that type."""
     for _ in range(200):
         packet = interrupt.recv(64)
         assert packet[:1] == b"\xa1", "the link has ended"
@@ -113,7 +113,7 @@ def served(directory: Path, **settings: object) -> WiimotePeer:
 
 @pytest.fixture
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short path, as sockets want it."""
+    """A short path, as needed for a socket."""
     return tmp_path_factory.mktemp("w") / "d"
 
 
@@ -122,13 +122,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.real
 def test_the_old_and_the_new_way_over_sockets(place, monkeypatch):
-    """In virtual time, so that the period of the reports is the remote's and not this machine's."""
+    """In virtual time, so that the report period is independent of this machine."""
     now_s = 100.0
     monkeypatch.setattr(device_peer, "time", types.SimpleNamespace(monotonic=lambda: now_s))
     peer = served(place, script="rest")
 
     def turn(seconds: float = 0.0) -> None:
-        """Send what is due by then, and take what was sent to it."""
+        """Send the due reports, and process those received."""
         nonlocal now_s
         now_s += seconds
         peer.step(now_s)
@@ -171,7 +171,7 @@ def test_the_last_words_of_a_host_that_hangs_up_are_heard(place):
             interrupt.send(b"\xa2" + encode_output(Rumble(False)))
             interrupt.close()
             control.close()
-            # The remote speaks before it has listened, and finds the line dead.
+            # The remote sends before it has read, and finds the connection closed.
             peer.backend.send([b"\x30\0\0"])
         assert not peer.device.connected
         assert [entry.what for entry in peer.device.log if "rumble" in entry.what][-1] == (
@@ -201,7 +201,7 @@ def test_wrong_order_and_second_hosts_are_turned_away(place):
     with in_a_thread(served(place, script="rest")) as peer:
         with channel(place, "psm13") as alone:
             assert alone.recv(16) == b""
-        # A host that came no further than the first channel gives way to the next.
+        # A host that has opened only the first channel gives way to the next host.
         with channel(place, "psm11") as half, link(place) as (_, interrupt):
             assert half.recv(16) == b""
             wait_until(lambda: peer.device.connected)
@@ -250,7 +250,7 @@ def test_refused_for_a_while(place):
 def test_a_host_that_comes_back_at_once_is_not_paired_with_the_channel_that_it_left(
     place, monkeypatch
 ):
-    """It leaves and comes back while the remote takes out its channels."""
+    """The host disconnects and reconnects while the remote accepts its channels."""
     peer = served(place)
     peer.open()
     waiting = UnixChannels._waiting
@@ -396,7 +396,7 @@ def test_who_may_open_it(place, umask, everybody, folder, channel):
 
 
 class FakeUhid:
-    """The calls of UhidDevice, with a pipe in place of the kernel."""
+    """The interface of UhidDevice, with a pipe in place of the kernel."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
@@ -452,7 +452,7 @@ def uhid_peer(**settings: object) -> tuple[WiimotePeer, FakeUhid]:
 def step_until(peer: WiimotePeer, condition: Callable[[], object]) -> None:
     deadline_s = time.monotonic() + DEADLINE_S
     while not condition():
-        assert time.monotonic() < deadline_s, "waited in vain"
+        assert time.monotonic() < deadline_s, "the condition did not hold in time"
         peer.step(time.monotonic() + 0.01)
 
 
@@ -513,29 +513,29 @@ def test_uhid_that_is_not_there(monkeypatch):
         peer.open()
 
 
-# -- judged by a library nobody here wrote ---------------------------------------------------------
+# -- judged by a third-party library ---------------------------------------------------------------
 
 
 CWIID_PATIENCE_S = 20.0
-"""More than its client waits in all. On a busy computer it has waited for ever, once in some
-thousand runs: threads of libcwiid for each other, as it seems."""
+"""Longer than all timeouts of the client. On a busy computer libcwiid has hung once in some
+thousand runs, apparently by a deadlock of its threads."""
 
 
 def use_cwiid(place: Path, what: str, script: str, **settings: object) -> tuple[dict, WiimotePeer]:
-    """Return libcwiid's readings, and the remote as it was when libcwiid was done with it."""
+    """Return libcwiid's readings, and the remote's state when libcwiid was done."""
     library = ctypes.util.find_library("cwiid")
     if library is None:
         pytest.skip("libcwiid is not installed (Debian package libcwiid1)")
     file = place.with_name("script")
     file.write_text(script)
     for attempt in range(2):
-        # With noise, as libcwiid asks for reports on change only, and may miss the first one.
+        # With noise, because libcwiid requests reports on change only, and may miss the first one.
         directory = place.with_name(f"{place.name}{attempt}")
         with in_a_thread(served(directory, script=str(file), **settings)) as peer:
             command = [sys.executable, str(CLIENT), library, str(directory), what]
             with cwiid_client(command) as process:
                 if (seen := seen_by(process, peer)) is None:
-                    # Its own fault, if it has got an answer to everything.
+                    # A hang of libcwiid itself if it has received all answers.
                     assert peer.device.connected, peer.device.log
                     assert not peer.backend.lost
                     continue
@@ -561,7 +561,7 @@ def cwiid_client(command: list[str]) -> Iterator[subprocess.Popen[str]]:
 
 
 def seen_by(process: subprocess.Popen[str], peer: WiimotePeer) -> dict | None:
-    """Return the client's output and the remote's state; None if it prints nothing in time."""
+    """Return the client's output and the remote's state; None without output in time."""
     assert process.stdout is not None
     if not select.select([process.stdout], (), (), CWIID_PATIENCE_S)[0]:
         return None
@@ -587,7 +587,7 @@ def check_common(seen: dict) -> None:
     assert seen["battery-told"]
     assert seen["battery"] == 0xC0
     assert seen["calibration-status"] == seen["read-status"] == seen["error"] == 0
-    # The upper eight bits of the ten.
+    # the upper eight of the ten bits
     assert (seen["zero"], seen["one"]) == ([132, 130, 134], [159, 157, 159])
     assert (seen["remote-leds"], seen["remote-rumble"]) == (0b1010, True)
     assert seen["buttons"] == 0x08  # A

@@ -60,7 +60,7 @@ from wiimote_virtual import Host, without_data
 ID_ADDRESS, PLUS_ID_ADDRESS = 0xA400FA, 0xA600FA
 
 
-# -- what every output report does ----------------------------------------------------------------
+# -- common to all output reports ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_a_new_link_begins_afresh():
     host.remote.output(b"\x11\xf0", 1.0)
     assert host.remote.leds == 0
     assert host.remote.connect(1.0)
-    assert not host.remote.connect(1.0)  # it has a host
+    assert not host.remote.connect(1.0)  # a host is connected
     assert (host.remote.mode, host.remote.continuous) == (0x30, False)
 
 
@@ -180,7 +180,7 @@ def test_continuous_reports_come_every_10_ms():
     gaps = [b - a for a, b in itertools.pairwise(times)]
     assert min(gaps) >= 0.008
     assert max(gaps) <= 0.012
-    # By absolute deadlines: the jitter does not add up.
+    # Deadlines are absolute: the jitter does not accumulate.
     assert times[-1] - times[0] == pytest.approx(0.01 * (len(times) - 1), abs=0.002)
 
 
@@ -313,7 +313,7 @@ def test_the_old_start_up_leaves_it_encrypted():
     assert secret != EXTENSION_IDS[Extension.NUNCHUK]
     clear = bytes(((byte ^ 0x17) + 0x17) & 255 for byte in secret)
     assert clear == EXTENSION_IDS[Extension.NUNCHUK]
-    host.send(EXTENSION_START[0])  # enough for one that was started before
+    host.send(EXTENSION_START[0])  # enough for an extension started before
     assert host.read(ID_ADDRESS, 6) == EXTENSION_IDS[Extension.NUNCHUK]
 
 
@@ -329,7 +329,7 @@ def test_a_change_at_the_port_ends_the_data_until_a_mode_is_set():
     host.remote.unplug(host.now_s)
     assert [value.extension for value in without_data(host.run(0.5))] == [False]
     assert host.remote.mode is None
-    # A status that was asked for ends nothing.
+    # A requested status ends no data.
     assert host.stream(0x31, 0.1)
     host.send(StatusRequest())
     assert len(host.run(0.5)) > 40
@@ -343,7 +343,7 @@ def test_extension_bytes_without_extension_are_ff():
 
 
 def activate(host: Host, passing: int = PASS_NONE) -> list[bool]:
-    """The extension flags told on the way."""
+    """Activate the MotionPlus; return the extension flags reported meanwhile."""
     host.send(MOTION_PLUS_START)
     host.send(motion_plus_activate(passing))
     return [value.extension for value in without_data(host.run(0.1))]
@@ -384,11 +384,11 @@ def test_with_a_nunchuk_behind_it_the_flag_falls_and_rises():
     own = [report for report in reports if decode_motion_plus(report.extension)]
     passed = [report for report in reports if decode_nunchuk_pass_through(report.extension)]
     assert len(own) == pytest.approx(len(passed), abs=1)
-    assert len(own) + len(passed) == len(reports) - 1  # the first frame is garbage
+    assert len(own) + len(passed) == len(reports) - 1  # The first frame is invalid.
     assert decode_nunchuk_pass_through(passed[0].extension).c
     assert decode_motion_plus(own[0].extension).extension
     host.remote.unplug(host.now_s)
-    assert without_data(host.run(0.1)) == []  # the MotionPlus is still at the port
+    assert without_data(host.run(0.1)) == []  # The MotionPlus is still at the port.
     assert all(decode_motion_plus(r.extension) for r in host.stream(0x35, 0.1))
 
 
@@ -407,7 +407,7 @@ def test_turn_rates_are_measured_in_their_axes(rates, slow):
     data = decode_motion_plus(host.stream(0x35, 0.1)[-1].extension)
     roll, pitch, yaw = rates
     forward, left, up = to_operator_axes(to_rad_s(data, calibration))
-    # Nose up is backwards about the left axis.
+    # Nose up is a negative rotation about the left axis.
     assert (forward, left, up) == pytest.approx((roll, -pitch, yaw), abs=0.005)
     assert all((data.yaw_slow, data.roll_slow, data.pitch_slow)) is slow
 
@@ -475,7 +475,7 @@ def test_camera_sees_once_it_runs_in_the_format_of_the_mode(ir_format, mode, fie
     assert host.read(0xB00033, 1) == ErrorCode.NO_DEVICE
 
 
-# -- what clients do -----------------------------------------------------------------------------
+# -- sequences of real clients -------------------------------------------------------------------
 
 
 def test_the_kernel_drivers_probe():

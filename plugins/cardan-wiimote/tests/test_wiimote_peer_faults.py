@@ -156,7 +156,7 @@ def test_stolen_mode():
     assert len(host.run(0.99)) > 90
     host.send(Leds(1, rumble=True))
     host.run(0.03)
-    assert not host.remote.rumble  # each host writes its own bit
+    assert not host.remote.rumble  # Each host sets its own rumble bit.
     assert {value.mode for _, value in host.run(0.5) if isinstance(value, Data)} <= {0x30}
     assert len(host.stream(0x31, 0.5)) > 40
     assert len(host.run(0.5)) < 3

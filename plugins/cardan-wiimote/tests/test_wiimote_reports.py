@@ -1,4 +1,4 @@
-"""The remote's reports against worked bytes, their own inverses, and arbitrary bytes."""
+"""The remote's reports: worked bytes, round trips, and arbitrary bytes."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ def test_malformed_inputs_say_why(text, reason):
     "text",
     [
         "12 04 38",  # no such data mode
-        "16 04 a4 00 f0 00" + " 00" * 16,  # nothing to write
+        "16 04 a4 00 f0 00" + " 00" * 16,  # no data, or too much
         "16 04 a4 00 f0 11" + " 00" * 16,  # more than there is room for
         "17 04 a4 00 fa 00 00",
         "18 00" + " 00" * 20,
@@ -304,7 +304,7 @@ def test_models():
     assert model_of("Nintendo RVL-CNT-01", 0x0306) is WIIMOTE
     assert model_of("Nintendo RVL-CNT-01-TR", 0x0330) is WIIMOTE_TR
     assert model_of("Nintendo RVL-WBC-01", 0x0306).key == "balance-board"
-    assert model_of("", 0x0330) is WIIMOTE_TR  # a system that hides names
+    assert model_of("", 0x0330) is WIIMOTE_TR  # a system that provides no names
     assert model_of("", 0x2009) is None
     assert len({model.key for model in MODELS}) == len(MODELS)
 

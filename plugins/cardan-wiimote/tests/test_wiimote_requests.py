@@ -1,4 +1,4 @@
-"""Requests, one at a time: matching, retries, time-outs."""
+"""The request queue, one request at a time: matching, retries, timeouts."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Meaning of any motion of the operator's hand."""
+"""Axes and buttons from the remote's motion, by role."""
 
 import pytest
 from hypothesis import given, strategies as st

@@ -1,4 +1,4 @@
-"""Pulses that make a strength, and their end."""
+"""Rumble: pulses that approximate a strength, and their end."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Calibrations, extensions, MotionPlus and camera against worked bytes and their inverses."""
+"""Calibrations, extensions, MotionPlus and camera: worked bytes and round trips."""
 
 from __future__ import annotations
 

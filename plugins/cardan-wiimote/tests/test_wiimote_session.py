@@ -1,4 +1,4 @@
-"""Requests and answers while other programs talk to the remote, and late reports."""
+"""Requests and answers while other programs use the remote, too, and late reports."""
 
 import pytest
 
@@ -14,7 +14,7 @@ KERNELS_PROBE = [
     "1604a600fb0100", "1704a600fa0006", "1704a400fa0006", "1500", "1500", "120030",
 ]  # fmt: skip
 KERNELS_LOOK = ["1704a400fa0006", "1604a600f00155", "1604a600fb0100", "1704a600fa0006"]
-"""Reports of hid-wiimote when it meets a remote, and every 4.1 s after."""
+"""Reports of hid-wiimote when it finds a remote, and every 4.1 s afterwards."""
 
 
 def by_the_kernel(bench, reports):

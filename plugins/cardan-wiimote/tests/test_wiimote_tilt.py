@@ -1,4 +1,4 @@
-"""Tilt from the accelerometer: angles, filter, trust, neutral."""
+"""Tilt from the accelerometer: angles, filter, validity, neutral."""
 
 import math
 
@@ -11,7 +11,7 @@ ANGLES = st.floats(-180.0, 180.0)
 
 
 def held(right_deg, down_deg, weight_g=1.0):
-    """Specific force in the operator's axes: tilted nose down, then to the right."""
+    """Specific force in the operator's axes after a tilt nose down, then to the right."""
     roll, pitch = math.radians(right_deg), math.radians(down_deg)
     return (
         -weight_g * math.sin(pitch),
@@ -54,7 +54,7 @@ def test_neutral_is_how_it_was_held(right_deg, down_deg, more_right_deg, more_do
     assert tilt.rolled_and_dipped(now_s) == pytest.approx((0.0, 0.0), abs=1e-4)
     now_s = settled(tilt, held(right_deg + more_right_deg, down_deg + more_down_deg), now_s)
     rolled, dipped = tilt.rolled_and_dipped(now_s)
-    # For any axes, the angle from neutral is that of the two forces.
+    # For any axis, the angle from neutral is that between the two forces.
     cosine = sum(
         a * b
         for a, b in zip(
@@ -69,7 +69,7 @@ def test_neutral_is_how_it_was_held(right_deg, down_deg, more_right_deg, more_do
 
 
 def test_the_cut_off_frequency():
-    """A tilt that swings at the cut-off comes through with 1/sqrt(2) of its size."""
+    """A tilt that oscillates at the cut-off frequency is attenuated to 1/sqrt(2)."""
     tilt = Tilt(5.0, 90.0)
     largest = 0.0
     for at in range(2000):
@@ -83,7 +83,7 @@ def test_the_cut_off_frequency():
 
 @pytest.mark.parametrize("shaken_s", [0.05, 0.2, 1.0])
 def test_neutral_is_the_first_that_can_be_trusted(shaken_s):
-    """Turned while it is shaken, and the clutch pressed meanwhile."""
+    """The remote is turned while it is shaken, and the clutch is pressed meanwhile."""
     tilt = Tilt(7.0, 90.0)
     now_s = settled(tilt, held(60.0, 0.0))
     for at in range(1, round(shaken_s * 100)):
@@ -125,7 +125,8 @@ def test_unknown_is_level():
 
 
 def test_a_waving_hand_is_no_neutral():
-    """Sideways waves of 0.3 g stay within the trusted range, but not within a few degrees."""
+    """Sideways motion with 0.3 g stays within the valid range of gravity, but not within a few
+    degrees."""
     tilt = Tilt(7.0, 45.0)
     now_s = settled(tilt, held(0.0, 0.0))
     tilt.capture()

@@ -1,4 +1,4 @@
-"""Ways to a remote: hidapi, two sockets, raw socket addresses."""
+"""Transports to a remote: hidapi, two sockets, raw socket addresses."""
 
 import errno
 import os
@@ -23,11 +23,11 @@ from cardan_wiimote.driver.transports import (
 )
 
 NEVER = bool
-"""Never gives up: called without an argument it is False."""
+"""Function that never requests a stop: called without arguments it returns False."""
 
 
 class Host:
-    """Listens on psm11 and psm13 of a folder, as a simulated remote does."""
+    """Listens on psm11 and psm13 of a folder, like a simulated remote."""
 
     def __init__(self, folder):
         self.listeners = {}
@@ -54,7 +54,7 @@ def host(tmp_path):
 
 @pytest.fixture
 def ends(host, tmp_path):
-    """The driver's link and the remote's two channels."""
+    """The driver's link, and the remote's two channels."""
     transport = SocketTransport(str(tmp_path))
     (found,) = transport.find()
     link = transport.open(found, NEVER)
@@ -159,7 +159,7 @@ def test_connecting_by_bytes_to_nobody(tmp_path):
 
 
 def blackhole():
-    """A TCP listener whose queue is full: who connects waits."""
+    """A TCP listener with a full queue: clients that connect have to wait."""
     listener = socket.socket()
     listener.bind(("127.0.0.1", 0))
     listener.listen(0)

@@ -1,4 +1,4 @@
-"""A simulated remote wired to the driver's core, in virtual time."""
+"""A simulated remote connected to the driver's core, in virtual time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def fault_default(name):
 
 
 class Bench:
-    """The driver's shell without threads: opens, serves, loses, opens again."""
+    """The driver's shell without threads: opens, serves, detects a loss, reopens."""
 
     def __init__(self, options=None, *, identity=None, **remote):
         self.options = options or WiimoteOptions(dead_zone=0.0)
@@ -32,14 +32,14 @@ class Bench:
         self.opened = 0
         self.sent = []
         self.states = []
-        """Time, age of the newest good report, and state, of every step."""
+        """Time, age of the newest good report, and state, for every step."""
         self.deaf = False
-        """True: nothing that the remote sends arrives."""
+        """True: all reports of the remote are lost."""
         self.good_s = NEVER_S
-        """When the newest report with an acceleration arrived."""
+        """Arrival time of the newest report with an acceleration."""
 
     def run(self, seconds):
-        """The state at the end."""
+        """Run and return the last state."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             self.now_s += STEP_S

@@ -1,7 +1,7 @@
-"""Uses a remote through Debian's libcwiid and prints what it saw, as JSON.
+"""Uses a remote through Debian's libcwiid and prints its readings as JSON.
 
-A process of its own: the library has threads that it does not always end.
-usage: wiimote_cwiid_client.py LIBRARY DIRECTORY WHAT, with WHAT remote, nunchuk or motion-plus
+Runs in a separate process, because the library does not always end its threads. usage:
+wiimote_cwiid_client.py LIBRARY DIRECTORY WHAT, with WHAT remote, nunchuk or motion-plus
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def main(library: str, directory: str, what: str) -> int:
         return False
 
     seen: dict[str, object] = {}
-    # It asks for the status by itself; 0 is what its memory begins with.
+    # libcwiid requests the status by itself; 0 is its memory's initial value.
     seen["battery-told"] = wait_for(lambda s: s.battery != 0)
     seen["battery"] = state.battery
     calibration = Calibration()
@@ -126,7 +126,7 @@ def main(library: str, directory: str, what: str) -> int:
         seen["turning"] = wait_for(
             lambda s: s.extension.motion_plus.rates[0] > 0 and s.buttons != 0
         )
-        time.sleep(0.1)  # the first frame after activation may be garbage
+        time.sleep(0.1)  # The first frame after activation may be invalid.
         cwiid.cwiid_get_state(remote, ctypes.byref(state))
         plus = state.extension.motion_plus
         seen["rates"], seen["slow"] = list(plus.rates), list(plus.slow)
@@ -134,11 +134,11 @@ def main(library: str, directory: str, what: str) -> int:
     seen["accelerometer"], seen["buttons"] = list(state.accelerometer), state.buttons
     seen["led"], seen["rumble"], seen["error"] = state.led, state.rumble, state.error
     print(json.dumps(seen), flush=True)
-    sys.stdin.readline()  # the test looks at the remote meanwhile
+    sys.stdin.readline()  # Meanwhile the test inspects the remote.
     cwiid.cwiid_close(remote)
     return 0
 
 
 if __name__ == "__main__":
-    # Without the interpreter's clean-up, which the library's threads may outlive.
+    # Skip the interpreter's clean-up, which the library's threads may outlive.
     os._exit(main(*sys.argv[1:4]))

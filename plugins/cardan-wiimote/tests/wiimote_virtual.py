@@ -1,4 +1,4 @@
-"""Host in virtual time for the tests of the simulated remote."""
+"""Host in virtual time, for the tests of the simulated remote."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Stamped = list[tuple[float, InputReport]]
 
 
 class Host:
-    """Talks to a remote and keeps the time."""
+    """Exchanges reports with a remote and advances the time."""
 
     def __init__(self, script: str = "", extension: str = "", **settings: object) -> None:
         self.remote = SimulatedWiimote(extension=extension, **settings)  # type: ignore[arg-type]
@@ -30,7 +30,7 @@ class Host:
         self.remote.reports(0.0)
 
     def run(self, seconds: float) -> Stamped:
-        """Every report of the next `seconds`, with the time at which it came."""
+        """Return every report of the next `seconds` with its time."""
         until_s = self.now_s + seconds
         came: Stamped = []
         while (due_s := min(self.remote.next_due_s, self.motion.next_due_s)) <= until_s:
@@ -42,7 +42,7 @@ class Host:
         return came
 
     def send(self, value: OutputReport | bytes) -> list[InputReport]:
-        """Send an output report; what comes back at once."""
+        """Send an output report; return the immediate reports."""
         report = value if isinstance(value, bytes) else encode_output(value)
         self.remote.output(report, self.now_s)
         return [decode_input(reply) for reply in self.remote.reports(self.now_s)]
@@ -54,7 +54,7 @@ class Host:
         return [value for value in values if isinstance(value, Data)]
 
     def read(self, address: int, size: int, space: int = 1) -> bytes | int:
-        """Memory, or the error."""
+        """Read memory; return the data or the error."""
         values = self.send(ReadMemory(address, size, space))
         values += [value for _, value in self.run(0.02 + 0.012 * (size / 16))]
         pieces = [value for value in values if isinstance(value, ReadData)]

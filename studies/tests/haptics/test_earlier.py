@@ -1,4 +1,4 @@
-"""A contact gives no more for what went before it: free motion, or a wall that was passive."""
+"""Energy given in a contact is independent of earlier events: free motion, or a passive wall."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STRONG_NOISE = Before("stirs for 10 s, noise 0.35 N", 10.0, 0.35)
 LEAVES = Before("leans on an undelayed wall, leaves it", leans=True)
 KEEPS = Before("leans on a wall that becomes delayed", leans=True, keeps=True)
 ALLOWED_J = 0.0005
-"""For what the sensors hide."""
+"""Tolerance for the energy hidden by the sensors."""
 
 each_contact = pytest.mark.parametrize("contact", CONTACTS, ids=lambda one: one.hand.name)
 
@@ -49,7 +49,7 @@ def test_what_was_taken_in_may_be_given_back_but_has_an_end(before, contact):
 
 
 def test_a_wall_that_stores_is_credited_with_what_it_stores():
-    """With less than 18 mJ in its spring it could not push back as a spring does."""
+    """A spring with less than 18 mJ of stored energy could not push back."""
     assert find(KEEPS, CONTACTS[1]).surplus_j > 0.015
 
 

@@ -1,4 +1,4 @@
-"""A wall far away, felt through the law of both ends."""
+"""A remote wall rendered with the control law at both ends."""
 
 from __future__ import annotations
 

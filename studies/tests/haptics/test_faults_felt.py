@@ -1,5 +1,5 @@
-"""Every fault in the midst of a press on a wall: what the hand feels stays within the limits, and
-goes to zero by ramp and in time where force is forbidden."""
+"""Every fault during a press on a wall: the force stays within the limits, and ramps to zero in
+time where force is forbidden."""
 
 from __future__ import annotations
 

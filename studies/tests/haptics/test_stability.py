@@ -1,8 +1,9 @@
-"""The closed loop in virtual time: where the plain loop feeds the hand, ours stays passive.
+"""The closed loop in virtual time: where the plain loop gives energy to the hand, ours stays
+passive.
 
-Energy is the simulation's own. The bound is the budget of tick.h and what the encoders and the
-motors' converter hid from the books, which `studies.haptics.stability` adds up from the
-truth; the sum for hard accelerations is not in it.
+Energy is taken from the simulation. The bound is the budget of tick.h plus the energy that encoders
+and motor converter hide from the tick's account, computed by `studies.haptics.stability` from the
+true motion; the sum for hard accelerations is not included.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ pytestmark = pytest.mark.matrix
 
 UP = Vector3(0.0, 0.0, 1.0)
 MOST_J = OURS.energy_budget_j + 0.0005
-"""However much the sensors hid."""
+"""The bound holds however much the sensors hid."""
 
 
 @functools.cache
@@ -120,7 +121,7 @@ def test_a_wall_in_the_tick_itself():
 def test_the_tick_books_no_less_than_the_truth(limits, hand, link):
     trace = remote(limits, hand, 400.0, link)
     reported = trace.given_j - hidden_j(trace)
-    # It hears of a motion in the next tick.
+    # The tick learns of a motion one tick later.
     assert np.all(reported[:-1] <= trace.believed_j[1:] + 1e-9)
 
 
@@ -131,7 +132,7 @@ def test_a_position_is_a_tick_old_and_no_further_off_than_its_quantum():
 
 
 def test_what_the_sensors_hide_stays_small_in_half_a_minute_of_swinging():
-    """It adds up force by force, possibly without end; rounding favors neither sign."""
+    """Rounding accumulates force by force, possibly without limit, but has no preferred sign."""
     trace = local(OURS, FRICTIONLESS, 2000.0, seconds=30.0)
     assert np.ptp(hidden_j(trace)) > 1e-4
     assert hidden_j(trace).max() < 5e-4
@@ -139,8 +140,8 @@ def test_what_the_sensors_hide_stays_small_in_half_a_minute_of_swinging():
 
 
 def test_a_position_that_comes_a_tick_late_is_no_loophole():
-    """Without friction nothing forgives it: a stiff wall under a weight swings for ever if the
-    work is booked with the wrong tick's force."""
+    """Without friction a stiff wall under a weight oscillates for ever if the work is computed with
+    the wrong tick's force."""
     trace = local(OURS, FRICTIONLESS, 400.0, seconds=5.0)
     assert trace.given_j.max() <= MOST_J
     assert judge(trace, OURS).passive
@@ -151,7 +152,7 @@ def test_a_position_that_comes_a_tick_late_is_no_loophole():
 )
 @pytest.mark.parametrize("hand", [LIGHTLY._replace(friction_n=0.0), FRICTIONLESS])
 def test_uneven_ticks_are_no_loophole(hand, fault, value):
-    """Beyond what tick.h promises, which is of a steady period."""
+    """Exceeds the promise of tick.h, which assumes a steady period."""
     wall = Plane(ZERO3, UP, 1500.0)
     with Bench(OURS, hand.settings) as bench:
         bench.tick.enable()

@@ -1,4 +1,4 @@
-"""The timing's own parts that need no clock: the probe, the law alone, and the tables."""
+"""Parts of the timing study that need no clock: the probe, the law alone, and the tables."""
 
 from __future__ import annotations
 

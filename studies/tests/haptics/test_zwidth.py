@@ -1,4 +1,4 @@
-"""The stiffest wall of the tick itself, under an unheld stylus."""
+"""The stiffest wall rendered by the tick itself, under an unheld stylus."""
 
 from __future__ import annotations
 

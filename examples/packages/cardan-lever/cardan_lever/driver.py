@@ -1,4 +1,4 @@
-"""The lever's driver: a thread that reads its port, and a core that knows what the lines mean."""
+"""The lever's driver: a thread that reads the port, and a core that interprets the lines."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceCapabilities, DeviceLink
 from cardan_lever.protocol import BAUD, LineReader, Report
 
 SILENCE_S = 0.15
-"""Seven lines in a row that did not come."""
+"""Time of seven missing lines in a row."""
 SETTLE_S = 0.04
-"""Lines this soon after a silence may be old ones that had queued up."""
+"""Time after a silence in which lines may be old ones from a queue."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,13 +45,13 @@ class LeverCore(DeviceCore):
         """Time of opening or of the last line, s."""
 
     def on_opened(self, now_s: float) -> None:
-        """Begin anew: its port was opened (again)."""
+        """Reset: the port was opened (again)."""
         self._reader = LineReader()
         self._last_s = now_s
         self._begin("not seen at rest yet: let go of the lever once", now_s)
 
     def on_bytes(self, data: bytes, now_s: float) -> None:
-        """Take `data` from the lever."""
+        """Process `data` from the lever."""
         for report in self._reader.feed(data):
             if report is None:
                 self._counts["malformed_lines"] += 1
@@ -96,7 +96,7 @@ class Lever(ReadDevice[LeverCore]):
     summary = "three-axis lever"
     page = "https://lever.example/cardan"
     peer = "lever"
-    simulated = ({"path": OWN},)  # at a path of the demo's own there is only the simulated one
+    simulated = ({"path": OWN},)  # Only the simulated lever is at a path of the demo.
     gives, suits = "three deflections, a trigger", "rate, base frame"
     options: LeverOptions
 

@@ -56,7 +56,7 @@ class SimulatedLever(PeriodicDevice[bytes]):
         self._cut_every = int(faults.get("cut", 0.0))
 
     def report(self) -> bytes:
-        """The line that it sends now."""
+        """Return the line for the present state."""
         forward, left, twist = (max(-1.0, min(1.0, each)) for each in self.deflections)
         line = encode(Report(forward, left, twist, self.trigger))
         self._lines += 1
@@ -65,7 +65,7 @@ class SimulatedLever(PeriodicDevice[bytes]):
 
 
 class ScriptedLever(MotionScript[SimulatedLever]):
-    """Moves the lever as a script says."""
+    """Moves the lever by a script."""
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
         self._motion = VectorMotion((0.0, 0.0, 0.0), PERIOD_S)
@@ -87,7 +87,7 @@ class ScriptedLever(MotionScript[SimulatedLever]):
 
 @dataclass(frozen=True, kw_only=True)
 class LeverPeerOptions(DevicePeerOptions):
-    """Options of :class:`LeverPeer`, beside script, faults and seed."""
+    """Options of :class:`LeverPeer`, in addition to script, faults and seed."""
 
     path: str = option("lever.port", "The serial port to create.", metavar="LINK")
 

@@ -16,7 +16,7 @@ PERIOD_S = 0.02
 _NUMBER = rb"(-?[01]\.\d{3})"
 _LINE = re.compile(rb"L %b %b %b ([01])" % (_NUMBER, _NUMBER, _NUMBER))
 _LONGEST = 64
-"""Bytes without the end of a line that are kept: no line of a lever's is longer."""
+"""Largest number of bytes kept without an end of line; all valid lines are shorter."""
 
 
 class Report(NamedTuple):
@@ -29,13 +29,13 @@ class Report(NamedTuple):
 
 
 def encode(report: Report) -> bytes:
-    """Return the line of a report, with its end."""
+    """Return the line of a report, including its end."""
     forward, left, twist, trigger = report
     return f"L {forward:.3f} {left:.3f} {twist:.3f} {trigger:d}\n".encode()
 
 
 def decode(line: bytes) -> Report | None:
-    """Return the report in a line without its end; None: not a line of a lever."""
+    """Return the report in a line without its end; None for an invalid line."""
     found = _LINE.fullmatch(line)
     if found is None:
         return None
@@ -46,15 +46,15 @@ def decode(line: bytes) -> Report | None:
 
 
 class LineReader:
-    """Makes reports of bytes, however they are cut. A port is opened in the middle of a line, so
-    what comes before the first end of one is left out."""
+    """Reader that splits a byte stream into reports. Bytes before the first end of line are
+    ignored, because a port is opened in the middle of a line."""
 
     def __init__(self) -> None:
         self._rest = b""
         self._in_step = False
 
     def feed(self, data: bytes) -> Iterator[Report | None]:
-        """The reports that `data` completes; None for a line that is none of a lever's."""
+        """Return the reports completed by `data`; None for an invalid line."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             if self._in_step:

@@ -41,10 +41,10 @@ ARM = "cardan_rail:rail.toml"
 AXES = 3
 
 LOST_AFTER_S = 0.1
-"""Twice what the controller itself waits for: by then the axes brake."""
+"""Twice the controller's own timeout, after which the axes brake."""
 
 LAG_S = 0.03
-"""Measured axes are two cycles behind commanded ones, and the network takes the rest."""
+"""Measured axes lag two cycles behind commanded ones, plus the network's delay."""
 
 WHY = {
     Condition.FOLLOWING: "",
@@ -61,7 +61,7 @@ class RailOptions:
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """The controller's address."""
     port: Annotated[int, bounds.PORT] = 7400
-    """UDP."""
+    """UDP port of the controller."""
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -85,9 +85,9 @@ class RailSession(DatagramSession[RailState]):
         self._limiter = JointLimiter(*limits, longest_period_s=PERIOD_S)
         self._lost = SlipCompensation(AXES)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
-        """The positions asked for in the cycle before, and their speeds."""
+        """Positions of the previous command, and their speeds."""
         self._answered: int | None = None
-        """The sequence number of the state that was answered last."""
+        """Sequence number of the last state that was answered."""
 
     def _decode(self, data: bytes, now_s: float) -> RailState | str:
         return decode_state(data)
@@ -117,7 +117,7 @@ class RailSession(DatagramSession[RailState]):
             check_numbers(name, values, allowed, AXES, "axes")
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
-        """The answer to the newest state; a second one to the same state is none."""
+        """Return the answer to the newest state; None if it was already answered."""
         self.check(command)
         message = self.message
         if message is None or message.sequence == self._answered:
@@ -125,7 +125,7 @@ class RailSession(DatagramSession[RailState]):
         if self._answered is not None:
             missed = (message.sequence - self._answered - 1) & 0xFFFFFFFF
             if missed:
-                # The axes have gone on as they were told.
+                # The axes have continued with the last command.
                 self._limiter.coast(missed * PERIOD_S)
                 self._lost.passed(missed * PERIOD_S)
         self._answered = message.sequence

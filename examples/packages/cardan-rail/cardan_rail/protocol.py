@@ -1,8 +1,8 @@
-"""Datagrams of the rail's controller, little-endian. Decoding gives a value, or the reason why not.
+"""Datagrams of the rail's controller, little-endian. Decoding returns a value, or a reason.
 
-The controller sends a state in each of its cycles; a command answers one, with its number. It is
-where the axes have to be at the next cycle. Without a command the axes go on at the speed they
-have; after 40 ms of that they brake, and no command acts until they rest and a new session begins.
+The controller sends a state in each of its cycles; a command answers a state and repeats its
+number. The command has the positions for the next cycle. Without a command the axes keep their
+speed; after 40 ms they brake, and no command acts until they rest and a new session begins.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 PERIOD_S = 0.008
 BRAKES_AFTER_S = 0.04
-"""The controller brakes when it has heard nothing for longer."""
+"""Time without a command after which the controller brakes."""
 
 Positions = tuple[float, float, float]
 
@@ -32,30 +32,30 @@ class Condition(enum.IntEnum):
     BRAKING = 1
     EMERGENCY_STOP = 2
     TOO_FAST = 3
-    """An axis was asked for more than its speed; cleared by a restart."""
+    """An axis was commanded to exceed its speed; cleared by a restart."""
 
 
 class RailState(NamedTuple):
-    """Measurement of the controller at one of its cycles."""
+    """Measurement of the controller in one cycle."""
 
     session: int
-    """Goes up with every start of the controller, and when it has braked by itself; wraps at 2^32.
+    """Incremented at every start of the controller, and after a braking by itself; wraps at 2^32.
     Commands of another session do not act."""
     sequence: int
-    """Counts the cycles of a session; wraps at 2^32."""
+    """Number of the cycle in the session; wraps at 2^32."""
     condition: Condition
     positions: Positions
-    """m."""
+    """Axis positions, m."""
 
 
 class RailCommand(NamedTuple):
-    """The answer to a state."""
+    """Answer to a state."""
 
     session: int
-    """Of the state; 0 in the greeting, which asks for states and moves nothing."""
+    """Session of the state; 0 in the greeting, which requests states and moves nothing."""
     sequence: int
     positions: Positions | None
-    """Positions of the axes at the next cycle, m; None: brake, and rest."""
+    """Axis positions for the next cycle, m; None: brake and rest."""
 
 
 def encode_state(state: RailState) -> bytes:

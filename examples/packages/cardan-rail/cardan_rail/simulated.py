@@ -1,4 +1,4 @@
-"""The rail's controller, simulated: its rules without I/O, the peer around them, its command."""
+"""The simulated controller of the rail: its rules without I/O, its peer, and its command."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ FAULTS = (
 )
 
 OFF_S = 1.0
-"""A restart takes so long."""
+"""Duration of a restart."""
 MUTE_S = 0.5
 CLIENT_SILENT_S = 1.0
-"""After a silence this long of the client another one may take its place."""
+"""Silence of a client after which another one may take its place."""
 
 TOO_FAST = 1.5
-"""Times an axis' speed. A command within it is accepted: if datagrams come late, a
-command has to make good for the cycle before it."""
+"""Limit of the commanded speed, as a multiple of the axis' speed. It exceeds 1 because a command
+may have to make up for the previous cycle if datagrams are late."""
 
 
 class RailController:
@@ -52,7 +52,7 @@ class RailController:
         arm = load_arm("cardan_rail:rail.toml")
         self._limits = arm.limits
         self.positions = list(arm.home)
-        """m."""
+        """Axis positions, m."""
         self.speeds = [0.0] * len(arm.home)
         self.condition = Condition.FOLLOWING
         self.session = session
@@ -73,13 +73,13 @@ class RailController:
         self.condition = Condition.EMERGENCY_STOP
 
     def restart(self) -> None:
-        """Its brakes close at once, and it is silent for a while."""
+        """Close the brakes at once, and stay silent for a while."""
         self.speeds = [0.0] * len(self.speeds)
         self._begin()
         self._silent_until_s = self.time_s + OFF_S
 
     def _begin(self) -> None:
-        """A new session: what was commanded before acts no more."""
+        """Begin a new session: earlier commands no longer act."""
         self.condition = Condition.FOLLOWING
         self.session, self._sequence = self.session + 1 & 0xFFFFFFFF, 0
         self._target = self._taken = None
@@ -88,7 +88,7 @@ class RailController:
         self._silent_until_s = self.time_s + MUTE_S
 
     def receive(self, data: bytes, source: Hashable) -> None:
-        """A datagram from `source`."""
+        """Process a datagram from `source`."""
         command = decode_command(data)
         if isinstance(command, str):
             return
@@ -105,7 +105,7 @@ class RailController:
             self._taken, self._target = command.sequence, command.positions
 
     def cycle(self) -> bytes | None:
-        """One cycle: move, and give the state to send to `client`; None: nothing is sent."""
+        """Run one cycle: move, and return the state to send to `client`; None: send nothing."""
         self.time_s += PERIOD_S
         for _, act in self._timed.due(self.time_s):
             act()
@@ -162,7 +162,7 @@ class RailPeerOptions:
         port_field="port",
     )
     port: Annotated[int, bounds.ANY_PORT] = 7400
-    """UDP."""
+    """UDP port of the controller."""
     faults: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
 

@@ -1,4 +1,4 @@
-"""The JR3 sensor and its driver on a virtual CAN bus of the kernel's."""
+"""The JR3 sensor and its driver on a virtual CAN bus of the kernel."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_push_becomes_a_wrench_and_a_deflection(bus, mode):
 def test_a_bus_that_goes_down_is_a_lost_sensor_and_it_comes_back(bus):
     options = Jr3Options(interface="socketcan", channel=bus, node_id=33, wait_for_device=True)
     with Jr3(options) as jr3:
-        # The peer itself ends as its bus goes down.
+        # The peer itself ends when its bus goes down.
         with in_a_process(board(bus, "rest")):
             wait_for(lambda: jr3.state().link is DeviceLink.LIVE)
             ip("set", bus, "down")
@@ -67,12 +67,12 @@ def test_a_bus_that_goes_down_is_a_lost_sensor_and_it_comes_back(bus):
             assert lost.reason
         ip("set", bus, "up")
         with in_a_process(board(bus, "rest")):
-            # Another board, as far as anybody can tell: its zero is not the one that was taken.
+            # The new board cannot be recognized as the one whose zero was taken.
             wait_for(lambda: live_or_zeroed(jr3))
 
 
 def live_or_zeroed(jr3: Jr3) -> bool:
-    """Whether the sensor is live; one that lost its zero is told to take it."""
+    """Return True if the sensor is live; take zero if it was lost."""
     if "zero is lost" in jr3.state().reason:
         with contextlib.suppress(CommandError):
             jr3.zero()

@@ -1,7 +1,7 @@
 """Two virtual Bluetooth controllers in radio range of each other, by BlueZ's btvirt.
 
-Only the kernel's part of Bluetooth runs, no bluetoothd: controllers are switched on and made
-connectable with the ioctls of the HCI socket.
+Only the kernel's part of Bluetooth runs, without bluetoothd: ioctls of the HCI socket power on the
+controllers and make them connectable.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ DEVICE_INFO_BYTES = 92
 
 
 def ready(index: int) -> str | None:
-    """Switch controller `index` on and make it connectable; its address, None while it is new."""
+    """Power on controller `index` and make it connectable; return its address, None while it is
+    new."""
     with socket.socket(AF_BLUETOOTH, socket.SOCK_RAW, BTPROTO_HCI) as control:
         try:
             fcntl.ioctl(control, HCIDEVUP, index)
         except OSError as error:
-            if error.errno != 114:  # EALREADY: up
+            if error.errno != 114:  # EALREADY: already powered on
                 return None
         fcntl.ioctl(control, HCISETSCAN, struct.pack("=HxxI", index, SCAN_PAGE))
         info = fcntl.ioctl(
@@ -41,7 +42,7 @@ def ready(index: int) -> str | None:
 
 @contextmanager
 def controllers() -> Iterator[tuple[str, str]]:
-    """The addresses of two controllers."""
+    """Return the addresses of two controllers."""
     emulator = subprocess.Popen(
         ["btvirt", "-l2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
@@ -55,7 +56,7 @@ def controllers() -> Iterator[tuple[str, str]]:
 
 
 def connect(address: str, psm: int) -> socket.socket:
-    """A plain L2CAP channel. By libc, since not every Python knows these addresses."""
+    """Connect a plain L2CAP channel, by libc, because not every Python supports these addresses."""
     channel = socket.socket(AF_BLUETOOTH, socket.SOCK_SEQPACKET, BTPROTO_L2CAP)
     bdaddr = bytes.fromhex(address.replace(":", ""))[::-1]
     name = struct.pack("<HH6sHBx", AF_BLUETOOTH, psm, bdaddr, 0, 0)

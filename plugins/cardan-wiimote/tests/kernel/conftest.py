@@ -1,4 +1,4 @@
-"""As tests/kernel, in the same virtual machine."""
+"""Fixtures of tests/kernel, for the same virtual machine."""
 
 from tests.kernel.conftest import (
     collect_ignore_glob as collect_ignore_glob,

@@ -1,4 +1,4 @@
-"""A Wii Remote made with /dev/uhid: the kernel's own driver and Debian's library judge it."""
+"""A Wii Remote created with /dev/uhid, judged by the kernel's own driver and Debian's library."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ BTN_C, BTN_Z = 0x132, 0x135
 ABS_HAT0X, ABS_HAT0Y = 16, 17
 ABS_RX, ABS_RY, ABS_RZ = 3, 4, 5
 HID_WIIMOTE_SLOW = 9.0
-"""hid-wiimote gives the gyroscopes' counts less 0x2000, so many times; the fast ones 2000 / 440
-times more."""
+"""Factor by which hid-wiimote scales a gyroscope's slow reading (counts less 0x2000); that of a
+fast reading is 2000 / 440 times larger."""
 MOVES = """
     0.3  press a
     0.6  tilt 30 0 0 over 0.2
@@ -64,7 +64,7 @@ def test_the_kernels_driver_binds_and_gives_keys_and_acceleration(remote):
         assert values[:2] in ([1, 0], [0, 1])
         assert values[2:4] == values[:2]
         assert {kind for kind, _, _ in moved.events} == {EV_ABS}
-        # The kernel gives raw counts less 0x200; 1 g are 100 or so, whatever the remote's attitude.
+        # The kernel reports raw counts less 0x200; 1 g is about 100, in any attitude.
         upright = [value for _, code, value in moved.events if code == ABS_RZ]
         assert max(upright) == pytest.approx(110, abs=20)
 
@@ -86,7 +86,8 @@ def test_debians_library_reads_keys_acceleration_and_battery_and_drives_the_moto
 
 
 def deg_s(values: tuple[int, ...]) -> list[float]:
-    """Rates about the MotionPlus's three axes, by its calibration, of what hid-wiimote gives."""
+    """Return the rates about the MotionPlus's three axes from hid-wiimote's values, by the
+    calibration."""
     slow = GYROSCOPES.slow
     return [
         4.0 * (value / HID_WIIMOTE_SLOW + 0x2000 - zero / 4.0) / ((scale - zero) / slow.degrees_s)
@@ -98,7 +99,7 @@ def deg_s(values: tuple[int, ...]) -> list[float]:
     device="Wiimote", transport="MotionPlus over uhid", by="Debian libxwiimote over hid-wiimote"
 )
 def test_debians_library_reads_the_gyroscopes_of_a_motion_plus(remote):
-    """The axes are swung one after the other by 25 degrees, once a second."""
+    """Each axis in turn swings by 25 degrees, once a second."""
     script = """
         0.5  swing 0 0 25 over 1 times 3
         4.0  swing 25 0 0 over 1 times 3
@@ -134,7 +135,7 @@ def test_debians_library_reads_the_gyroscopes_of_a_motion_plus(remote):
     device="Wiimote", transport="Nunchuk over uhid", by="Linux kernel 6.1: hid-wiimote, evdev"
 )
 def test_the_kernels_driver_reads_a_nunchuk(remote):
-    """libxwiimote says that it opens a Nunchuk, and does not."""
+    """Judged without libxwiimote, which reports that it opens a Nunchuk, and does not."""
     script = """
         0.5  press z
         1.0  stick 1 0 over 0.2
@@ -183,10 +184,11 @@ def test_the_driver_works_over_hidraw_beside_the_kernels(remote):
             wait_for(lambda: peer.device.rumble)
             wiimote.feedback(DeviceFeedback(rumble=0.0))
             wait_for(lambda: not peer.device.rumble)
-            # Data go on although the kernel's driver sets its own mode after every status report.
+            # Data continues although the kernel's driver sets its own mode after every status
+            # report.
             stamps = set()
             wait_for(lambda: stamps.add(wiimote.state().stamp_s) or len(stamps) > 50)
-            # An emulated processor that stalls makes it stale until the button is let go.
+            # A stall of the emulated processor makes the link stale until the button is released.
             wait_for(lambda: wiimote.state().link is DeviceLink.LIVE)
 
 
@@ -249,7 +251,7 @@ class XwiiRemote:
         return self
 
     def _open(self) -> bool:
-        """Whether all that is wanted is there, and open. The library looks only once for it."""
+        """Open the wanted parts; return whether all are present. The library checks only once."""
         wanted = self._wanted
         path = self._path()
         if path is None or self._library.xwii_iface_new(ctypes.byref(self._remote), path):
@@ -266,7 +268,7 @@ class XwiiRemote:
         self._library.xwii_iface_unref(self._remote)
 
     def _path(self) -> bytes | None:
-        """As its monitor finds it."""
+        """Return the path found by libxwiimote's monitor."""
         monitor = ctypes.c_void_p(self._library.xwii_monitor_new(False, False))
         found = self._library.xwii_monitor_poll(monitor)
         path = ctypes.string_at(found) if found else None
@@ -274,24 +276,24 @@ class XwiiRemote:
         return path
 
     def events(self) -> dict[int, tuple[int, ...]]:
-        """The newest event of each type that waits."""
+        """Return the newest pending event of each type."""
         return dict(self.stream())
 
     def stream(self) -> Iterator[tuple[int, tuple[int, ...]]]:
-        """All events that wait: type, and the first three numbers."""
+        """Return all pending events: type, and the first three numbers."""
         event = XwiiEvent()
         size = ctypes.sizeof(event)
         while self._library.xwii_iface_dispatch(self._remote, ctypes.byref(event), size) == 0:
             yield event.type, tuple(event.values[:3])
 
     def battery(self) -> int:
-        """Percent."""
+        """Battery level, percent."""
         percent = ctypes.c_uint8()
         assert self._library.xwii_iface_get_battery(self._remote, ctypes.byref(percent)) == 0
         return percent.value
 
     def rumble(self, on: bool) -> None:
-        """Switch the motor."""
+        """Switch the rumble motor."""
         assert self._library.xwii_iface_rumble(self._remote, on) == 0
 
     def led(self, number: int) -> None:
