@@ -624,13 +624,8 @@ def _router() -> Iterator[str]:
 
 
 def speed_table(figures: Figures, conditions: str) -> str:
-<<<<<<< HEAD
-    """As docs/measurements.md has it."""
-    lines = ["| device | median | p99 | beyond local, median |", "|---|---|---|---|"]
-=======
     """Return the table of docs/measurements.md."""
     lines = ["| the device | median | p99 | beyond local, median |", "|---|---|---|---|"]
->>>>>>> txtc
     local_s = figures.quantile(LOCAL, "median")
     added = {}
     for name in (LOCAL, REMOTE, SPACENAV):

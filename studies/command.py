@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""``cardan evaluate``: published measurements, repeated, in one report."""
-=======
 """``cardan evaluate``: repeat published measurements, and write one report."""
->>>>>>> txtc
 
 from __future__ import annotations
 

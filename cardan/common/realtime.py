@@ -1,5 +1,5 @@
-"""What a control loop asks of the system: precedence on the processor and in the interpreter, and
-processors that do not sleep."""
+"""Scheduling of a control loop: precedence on the processor and in the interpreter, and processors
+that do not sleep."""
 
 from __future__ import annotations
 
