@@ -204,7 +204,7 @@ def test_what_speaks_no_rtde():
                     lambda: next((s for s in (next(states),) if "no RTDE" in s.hold_reason), None),
                     "the reason",
                 )
-                assert "a packet of 0 bytes: this is no RTDE" in found.hold_reason
+                assert "a packet of 0 bytes: not an RTDE server" in found.hold_reason
             states.close()
 
 

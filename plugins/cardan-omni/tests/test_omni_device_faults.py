@@ -21,7 +21,7 @@ README = Path(__file__).parents[1] / "README.md"
 
 
 class Omni(Intercepted):
-    """Interceptor of the tick's snapshots: without a position, or with one that is no number."""
+    """Interceptor of the tick's snapshots: without a position, or with one that is not a number."""
 
     name = "Omni and Touch"
     method = "on_snapshot"
