@@ -375,7 +375,7 @@ def test_a_device_gives_its_buffers_in_turn(device):
     ("driver", "why"),
     [
         (Driver(form=int.from_bytes(b"YUYV", "little")), "no MJPEG: serve it by a program"),
-        (Driver(capabilities=video.STREAMING), "no camera"),
+        (Driver(capabilities=video.STREAMING), "not a camera"),
     ],
 )
 def test_a_device_that_gives_none_says_what_to_do(device, driver, why):
