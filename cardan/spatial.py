@@ -183,7 +183,7 @@ def from_rows(rows: Sequence[Sequence[float]]) -> Quaternion:
     for row, exact in zip(rows, to_rows(q), strict=True):
         if not all(abs(a - b) <= _SKEW for a, b in zip(row, exact, strict=True)):
             given = [[*each] for each in rows]
-            raise ValueError(f"the matrix {given} is no rotation")
+            raise ValueError(f"the matrix {given} is not a rotation")
     return q
 
 

@@ -114,7 +114,7 @@ def test_what_the_daemon_runs_is_known(tmp_path):
         text = cardan("doctor", file, "--socket", own)
         assert program.end(signal.SIGTERM) == 0
     assert f"✓ UDP port {port} of robot of gofa: Cardan has it already, " in text
-    assert f"✓ UDP port {port} of robot of gofa is in use: it is not listened at" in text
+    assert f"✓ UDP port {port} of robot of gofa is in use: not checked" in text
     assert f"✓ the daemon at {own} runs" in text
     assert "✓ session gofa is running" in text
 

@@ -108,7 +108,7 @@ def test_a_command_goes_where_its_entry_point_says(cardan):
     ("name", "words"),
     [
         ("gone", "cannot be loaded: ModuleNotFoundError: No module named 'no_such_module_at_all'"),
-        ("number", "math:pi of command 'number' is no function"),
+        ("number", "math:pi of command 'number' is not a function"),
         ("strange", "command 'strange' cannot be used: RuntimeError: "),
         ("arms.nod", "'arms.nod': there is no group 'arms', but daemon, devices, net"),
     ],

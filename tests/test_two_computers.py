@@ -195,7 +195,7 @@ exec "$@"
 """
 """Give a program its own /etc/hosts."""
 ROUTER = f"tcp/{{}}:{remote.ROUTER_PORT}"
-GONE = "cannot be reached, and nothing moves the arm: start it again, or mend the network"
+GONE = "cannot be reached, and nothing moves the arm: start it again, or repair the network"
 
 
 class Lab(contextlib.ExitStack):

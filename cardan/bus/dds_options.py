@@ -39,6 +39,6 @@ class DdsOptions(Options):
         text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
         if not text.isdecimal() or len(text) > 9 or not 0 <= int(text) <= DDS_DOMAIN.highest:
             raise ConfigurationError(
-                DOMAIN_VARIABLE, f"{text!r} in the environment is no domain; allowed: 0 to 232"
+                DOMAIN_VARIABLE, f"{text!r} in the environment is not a domain; allowed: 0 to 232"
             )
         return int(text)

@@ -113,7 +113,7 @@ def _text(topic: str, publishers: Sequence[str], data: bytes) -> str:
         )
     message = codec_of(TYPE).decode(data)
     if isinstance(message, MalformedCdr):
-        raise ConfigurationError(OPTION, f"the text published as {topic} is bad: {message.reason}")
+        raise ConfigurationError(OPTION, f"the message on {topic} is malformed: {message.reason}")
     text = _BEFORE_ROBOT.sub("", message["data"])
     if not text:
         raise ConfigurationError(

@@ -449,4 +449,4 @@ class _Call:
         """Handle the end of replies."""
         if not self._over:
             self._over = True
-            self._answered(Failure(f"{self._service}: no reply; nobody offers it, or too late"))
+            self._answered(Failure(f"{self._service}: no reply: no server offers it, or late"))

@@ -191,7 +191,7 @@ def demo(
         bool,
         typer.Option(
             "--extras",
-            help='Print the extras of Cardan that it needs beside "arm", then end.',
+            help='Print the extras of Cardan that it needs besides "arm", then end.',
         ),
     ] = False,
     list_: Annotated[bool, typer.Option("--list", help="Print the demos, then end.")] = False,
@@ -324,7 +324,7 @@ def _final_problem(last: Snapshot) -> str:
     if last.elapsed_s == 0.0:
         return ""
     if last.loop.cycles == 0:
-        return f"the robot was never commanded: {last.robot.hold_reason or 'nothing was heard'}"
+        return f"the robot was never commanded: {last.robot.hold_reason or 'no state was received'}"
     if last.robot.link != RobotLink.LIVE.value:
         return f"at the end the robot was {last.robot.link}: {last.robot.hold_reason}"
     if last.device.link in (DeviceLink.LOST.value, DeviceLink.STALE.value):
@@ -428,7 +428,7 @@ def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
     else:
         yield (
             "dead-man",
-            "NONE: any deflection moves the robot; set mapping.deadman beside people",
+            "NONE: any deflection moves the robot; set mapping.deadman near people",
         )
 
 

@@ -61,7 +61,7 @@ def _installed() -> EntryPoints:
 class _Functions(Finder[Any]):
     def _check(self, loaded: Any, of: str) -> None:
         if not callable(loaded):
-            raise ConfigurationError(self._word, f"{of} is no function")
+            raise ConfigurationError(self._word, f"{of} is not a function")
 
 
 def _command(point: str, function: Callable[..., Any]) -> Any:

@@ -184,7 +184,7 @@ class Finder(Generic[T]):
                     self._word,
                     not_installed(self._word, name)
                     or f"there is no {self._word} {name!r}; allowed: "
-                    + (", ".join(self.names()) or "none, as none is installed")
+                    + (", ".join(self.names()) or "none, because none is installed")
                     + suggestion(name, (*self.names(), *IN_SOURCE_TREE.get(self._word, ()))),
                 )
         module, _, attribute = target.partition(":")

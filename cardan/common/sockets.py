@@ -332,7 +332,7 @@ def make_runtime_folder() -> None:
         raise AddressError(f"cannot make the folder {folder}: {error.strerror}") from None
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o22:
         raise AddressError(
-            f"{folder} is no folder that only you can change: remove it, or give another path"
+            f"{folder} is not a folder that only you can change: remove it, or give another path"
         )
 
 

@@ -35,7 +35,7 @@ else:
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 _REMEDIES = (
-    ("\0", "there is a NUL character (U+0000), as in what is no text, or was not written whole"),
+    ("\0", "there is a NUL character (U+0000): the file is not text, or was not written whole"),
     ("[\u201c\u201d\u201e\u2018\u2019\u201a\u00ab\u00bb]", 'write quotes as " and no others'),
     ("[\u00a0\u202f\u2007]", "there is a no-break space: write a space"),
     (r"=\s*[-+]?[0-9]+,[0-9]", "write the decimal point as ., not as a comma"),

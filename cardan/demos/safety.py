@@ -122,7 +122,7 @@ def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
         )
     options, rest = _options(demo, key, words[2:])
     if rest:
-        _refuse(demo, key, f"{rest[0]!r} is no option of a peer: a demo runs no other program")
+        _refuse(demo, key, f"{rest[0]!r} is not a peer's option: a demo runs no other program")
     return [*words[:2], *options]
 
 
@@ -190,5 +190,5 @@ def _checked_serving(demo: Demo, words: Sequence[str], inside: str = "") -> list
 def _refuse(demo: Demo, key: str, why: str) -> NoReturn:
     raise ConfigurationError(
         f"{demo.file}: {key}",
-        f"{why}. A demo moves a robot with nobody at hand: it must be simulated throughout",
+        f"{why}. A demo moves a robot unattended: all of its hardware must be simulated",
     )

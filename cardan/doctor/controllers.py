@@ -126,7 +126,7 @@ def check_controllers(
 def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     where = f"UDP port {endpoint.port}"
     if heard.error == errno.EADDRINUSE:
-        return good("heard", f"{where} of {who} is in use: it is not listened at")
+        return good("heard", f"{where} of {who} is in use: not checked")
     if heard.error == errno.EADDRNOTAVAIL:
         return failure(
             "listen-address",
@@ -146,7 +146,7 @@ def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     if heard.said:
         return failure(
             "other-server",
-            f"what comes to {where} of {who} is of another protocol: {shown(heard.said[:40])}",
+            f"{where} of {who} receives another protocol: {shown(heard.said[:40])}",
             "the session cannot start",
             f"find the sender: sudo tcpdump -ni any udp port {endpoint.port}",
         )
@@ -157,16 +157,16 @@ def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
             "the controller sends first: its program does not run, it sends elsewhere, or a "
             "firewall drops what it sends",
             "start its program; what a firewall drops: sudo nft list ruleset, or sudo iptables -L "
-            f"-n; what comes at all: sudo tcpdump -ni any udp port {endpoint.port}",
+            f"-n; what arrives: sudo tcpdump -ni any udp port {endpoint.port}",
         )
     if endpoint.peer and (peer := _resolved(endpoint.peer)) not in heard.sources:
         return failure(
             "other-controller",
-            f"{where} of {who} hears {', '.join(heard.sources)}, and not {peer}",
-            "only the controller that the file names is heard",
+            f"{where} of {who} receives datagrams of {', '.join(heard.sources)}, not of {peer}",
+            "the session takes datagrams only of the controller in the file",
             f"set the controller's address: {heard.sources[0]}, or find out which device that is",
         )
-    return good("heard", f"{where} of {who} hears {', '.join(heard.sources)}")
+    return good("heard", f"{where} of {who} receives datagrams of {', '.join(heard.sources)}")
 
 
 def _check_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
@@ -177,7 +177,7 @@ def _check_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
         words = f"says {shown(heard.said[:40])}" if heard.said else "says nothing"
         return failure(
             "other-server",
-            f"{where} of {who} is connected to and {words}: it is another program's",
+            f"{where} of {who} accepts a connection and {words}: another program has it",
             "the session cannot start",
             "set the port that the controller serves this protocol at",
         )

@@ -48,7 +48,7 @@ def check_devices(found: Sequence[FoundDevice], wanted: Iterable[Used]) -> Itera
         )
         yield make("device", f"{what}: {device.obstacle}", why, _mend(device.obstacle))
     if not found:
-        yield good("device", "no device is plugged in that is found by itself")
+        yield good("device", "no device is plugged in that Cardan detects")
 
 
 def _mend(obstacle: str) -> str:
@@ -114,7 +114,7 @@ def check_spacenavd(pids: Sequence[int], found: Iterable[str], wanted: Iterable[
     what = f"spacenavd runs (pid {pids[0]})"
     mend = 'sudo systemctl stop spacenavd, or use its socket: driver = "spnav"'
     if THREE_D_DRIVERS & set(wanted):
-        why = "it reads the SpaceMouse, too: programs that it serves move with the robot's operator"
+        why = "it reads the SpaceMouse, too: its programs get the robot operator's motion"
         return caution("spacenavd", what, why, mend)
     if THREE_D_DRIVERS & set(found):
         return good("spacenavd", f'{what}: driver = "spnav" reads its devices')
@@ -130,7 +130,7 @@ def check_holders(held: Mapping[str, Holder]) -> Iterator[Finding]:
             yield caution(
                 "holder",
                 f"{path} is open in {holder}",
-                "the device's motion goes there, too; some programs keep others out",
+                "it gets the device's motion, too; some programs lock others out",
                 f"kill {holder.pid}",
             )
 

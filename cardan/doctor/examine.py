@@ -53,7 +53,7 @@ def _looked(name: str, check: type[Check], subject: Subject) -> list[Finding]:
     try:
         found = list(check.look(subject))
         if other := [each for each in found if not isinstance(each, Finding)]:
-            raise TypeError(f"{other[0]!r:.60} is no Finding")
+            raise TypeError(f"{other[0]!r:.60} is not a Finding")
         return found
     except Exception as error:  # Another package's check may raise any error.
         if shortage(error):

@@ -125,7 +125,7 @@ def check_packages(
             "package", "; ".join(missing), "Cardan needs it", "pip install --upgrade cardan"
         )
     else:
-        yield good("package", "all packages that every part needs are there")
+        yield good("package", "all required packages are installed")
     absent = []
     for extra in EXTRAS:
         missing = lacking(requirements, extra, version)

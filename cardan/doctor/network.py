@@ -42,7 +42,7 @@ def check_bus(
             "no node is found there",
             " ".join(advice[1:]) or ("start the nodes, then: cardan net list"),
         )
-    return good("bus", f"{who}: {len(found.nodes)} nodes are met at {where}")
+    return good("bus", f"{who}: {len(found.nodes)} nodes are found at {where}")
 
 
 def check_environment(
@@ -58,7 +58,7 @@ def check_environment(
         yield caution(
             "rmw",
             f"RMW_IMPLEMENTATION is {chosen or 'not set'}",
-            "ROS 2 programs of this shell speak DDS, and meet no session on Zenoh",
+            "ROS 2 programs of this shell use DDS, and find no session on Zenoh",
             f"export RMW_IMPLEMENTATION={ZENOH}",
         )
     domain = environment.get("ROS_DOMAIN_ID", "").strip() or "0"

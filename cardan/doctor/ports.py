@@ -97,7 +97,7 @@ def check_ports(
         if first is not each and collide(first.host, each.host):
             yield failure(
                 "port-twice",
-                f"{each} is that of {first.who} and of {each.who}",
+                f"{each} is used by {first.who} and by {each.who}",
                 "only one of them can run at a time",
                 f"edit the port of one: {each.who}",
             )

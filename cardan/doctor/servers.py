@@ -112,7 +112,7 @@ def check_access(
         yield caution(
             "clear",
             f"{who} listens at {options.host} without TLS",
-            "the token, and all that is said, can be read on the way, and browsers give pages of "
+            "the token and all messages can be read on the network, and browsers give pages of "
             "such an address no gamepad, no sensors and no VR",
             f"{_MAKE_ONE.format(name=own)}, then certificate and key in [servers.{name}]",
         )

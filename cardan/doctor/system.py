@@ -103,7 +103,7 @@ def check_clock(name: str, available: str) -> Finding:
     return caution(
         "clock",
         f"clock source {name}" + (f", where there is {better}" if better else ""),
-        "each look at the clock is a call of the kernel of some microseconds",
+        "each reading of the clock is a system call of some microseconds",
         f"echo {better} | sudo tee {path}"
         if better
         else "`sudo dmesg | grep -i tsc` says why the kernel does not trust the processor's clock",

@@ -77,7 +77,7 @@ def device_problem(state: Any, events: Any) -> str:
     if not _numbers(state.axes) or len(state.axes) != 6:
         return f"state() gave the axes {state.axes!r:.60}, which are not six numbers"
     if not isinstance(state.buttons, AbstractSet):
-        return f"state() gave the buttons {state.buttons!r:.60}, which are no set"
+        return f"state() gave the buttons {state.buttons!r:.60}, not a set"
     if not _numbers((state.stamp_s,)) or state.stamp_s != state.stamp_s:
         return f"state() gave the time {state.stamp_s!r:.60}"
     if state.pose is not None and not isinstance(state.pose, Pose):

@@ -135,7 +135,7 @@ class IHapticDevice:
         try:
             unit = spatial.normalized(turn)
         except ValueError as error:
-            raise CommandError(f"the transformation is no pose: {error}") from None
+            raise CommandError(f"the transformation is not a pose: {error}") from None
         self._transformation = Pose(Vector3(*position), unit, frame)
 
     def get_transformation(self) -> Pose:

@@ -303,7 +303,7 @@ def _text(
     if proposed:
         lines += [
             "",
-            "# PROPOSED, where what the URDF has stands behind: nobody has checked these numbers.",
+            "# PROPOSED, with the URDF's value behind: check all of these numbers.",
             "# Put the maker's in their place.",
         ]
     lines += ["", *limits] if limits and not proposed else limits

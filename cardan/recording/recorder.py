@@ -91,7 +91,7 @@ class Report(NamedTuple):
                 "what to do if there are none"
             )
         said += [
-            f"{name}: its definition is not known, so that the file has its bytes alone ({mark})"
+            f"{name}: its definition is not known: the file has its raw bytes only ({mark})"
             for name, mark in self.unknown
         ]
         if self.dropped:

@@ -144,8 +144,8 @@ class Schedule:
         self._steps += 1
         if len(self._words) < MOST_STEPS:
             self._words.append(
-                f"its time makes a step of {step_s:+.1f} s after {at_s:.1f} s, which was not "
-                f"waited for: {why}"
+                f"its clock steps by {step_s:+.1f} s after {at_s:.1f} s, and replay does not "
+                f"wait for it: {why}"
             )
 
 

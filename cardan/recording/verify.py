@@ -232,7 +232,7 @@ def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Veri
 def _why(number: int, request: RecordedRequest) -> str:
     return (
         f"not replayed from cycle {number} on: {request.name} {request.argument}: motions of "
-        "programs are planned beside the loop, for a time that is not recorded"
+        "programs are planned outside the loop, for a time that is not recorded"
     )
 
 

@@ -146,7 +146,7 @@ def _refuse_lost(tree: Tree, path: list[TreeJoint]) -> None:
         if leader.mimic is not None:
             followed = leader.mimic.get("joint", "")
             raise ConfigurationError(
-                "", f"joint {joint.name!r} mimics {followed!r}, which is no joint to follow"
+                "", f"joint {joint.name!r} mimics {followed!r}, which cannot be followed"
             )
 
 
@@ -154,7 +154,7 @@ def _leader_of_telescope(
     tree: Tree, path: list[TreeJoint], moving: list[TreeJoint]
 ) -> TreeJoint | None:
     """Return the first of the arm's joints that others follow. Raises ConfigurationError if they
-    are no telescope."""
+    are not a telescope."""
     for joint in path:
         leader = tree.leader(joint.name)[0]
         if joint.mimic is None or leader not in moving:
@@ -171,13 +171,13 @@ def _mimicry(joint: TreeJoint, leader: TreeJoint, moving: list[TreeJoint]) -> Co
     if len(moving) == 1:
         return ConfigurationError(
             "joints",
-            f"joint {joint.name!r} mimics {leader.name!r}, and they are no telescope: no other "
+            f"joint {joint.name!r} mimics {leader.name!r}, and they are not a telescope: no other "
             "joint moves that could be an arm's",
         )
     return ConfigurationError(
         "joints",
-        f"joint {joint.name!r} mimics {leader.name!r}, and they are no telescope: write joints = "
-        f"{others} into the arm's .toml, without {leader.name!r}, and both are held",
+        f"joint {joint.name!r} mimics {leader.name!r}, and they are not a telescope: write joints ="
+        f" {others} into the arm's .toml, without {leader.name!r}, and both are held",
     )
 
 

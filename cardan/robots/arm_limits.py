@@ -134,7 +134,7 @@ def _check(joint: TreeJoint, limits: Limits, given: Mapping[str, float]) -> None
     if ("lower" in given or "upper" in given) and limits.lower >= limits.upper:
         raise ConfigurationError(
             f"{_KEYS['lower' if 'lower' in given else 'upper']}.{joint.name}",
-            f"lower {limits.lower / unit:g} and upper {limits.upper / unit:g} are no range",
+            f"lower {limits.lower / unit:g} and upper {limits.upper / unit:g} are not a range",
         )
 
 

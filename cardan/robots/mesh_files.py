@@ -43,8 +43,8 @@ def meshes_of(tree: Tree, file: ArmFile, urdf: Path | None) -> dict[ET.Element, 
                 if urdf is None:
                     raise ConfigurationError(
                         "",
-                        f"the collision geometry of link {link!r} is a mesh; allowed in text that "
-                        "is no file: sphere, cylinder, capsule, box. In the .toml of a file set "
+                        f"the collision geometry of link {link!r} is a mesh; allowed without "
+                        "a file: sphere, cylinder, capsule, box. In the .toml of a file set "
                         'collision.meshes = "ignore" to go without',
                     )
                 found[collision] = FoundMesh(link, mesh, *find_mesh(mesh.uri, urdf, folders))

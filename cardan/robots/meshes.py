@@ -88,7 +88,7 @@ def surface_in(data: bytes, path: Path) -> Surface:
     reader = {".stl": _stl, ".obj": _obj, ".dae": _dae}.get(path.suffix.lower())
     try:
         if reader is None:
-            _refuse(f"is none of {', '.join(FORMATS)}")
+            _refuse(f"is not a format that can be read: {', '.join(FORMATS)}")
         with np.errstate(all="ignore"):
             surface = reader(data)
         if not len(surface.points):
@@ -174,7 +174,7 @@ def _obj(data: bytes) -> Surface:
             counts.append(len(face))
     indices = np.array(used, dtype=np.int64)
     if len(indices) and not 1 <= indices.min() <= indices.max() <= len(points):
-        _refuse(f"is cut off or damaged: a face has a corner that is none of its {len(points)}")
+        _refuse(f"is cut off or damaged: a face has a corner that is not one of its {len(points)}")
     return _corners_of(points, indices - 1, _fans(np.array(counts, dtype=np.int64)))
 
 
@@ -214,9 +214,9 @@ def _dae(data: bytes) -> Surface:
         parser.feed(data)
         root = parser.close()
     except (ET.ParseError, LookupError) as error:
-        _refuse(f"is no XML: {error}")
+        _refuse(f"is not XML: {error}")
     if root.tag != "COLLADA":
-        _refuse(f"is no COLLADA: it begins with <{root.tag}>")
+        _refuse(f"is not COLLADA: it begins with <{root.tag}>")
     unit = root.find("asset/unit")
     meter = float(unit.get("meter", "1")) if unit is not None else 1.0
     if not 0.0 < meter <= LARGEST_SCALE:
@@ -292,7 +292,7 @@ class _Collada:
                     _refuse(f"has a <p> of {len(words)} indices, {step} for each corner")
                 indices = np.array(words, dtype=np.int64).reshape(-1, step)[:, offset]
                 if len(indices) and not 0 <= indices.min() <= indices.max() < len(points):
-                    _refuse(f"has a face with a corner that is none of its {len(points)}")
+                    _refuse(f"has a face with a corner that is not one of its {len(points)}")
                 yield _corners_of(points, indices, _triangles(faces, listed, len(indices)))
 
     def _positions(self, vertices: ET.Element) -> Points:

@@ -128,7 +128,7 @@ def _sizes(words: str, attributes: _Attributes, count: int) -> list[float]:
     text = " ".join(text.split()[:count])
     found = _numbers(words, {"size": text}, "size", "0 " * count)
     if not all(each > 0.0 for each in found):
-        raise _wrong(f"size of {words}: {text!r} is no length")
+        raise _wrong(f"size of {words}: {text!r} is not a length")
     return found
 
 
@@ -165,7 +165,7 @@ def _text(*values: float) -> str:
 def _is_true(words: str, attributes: Mapping[str, str], name: str, auto: bool) -> bool:
     text = attributes.get(name, "auto")
     if text not in ("true", "false", "auto"):
-        raise _wrong(f"{name} of {words}: {text!r} is none of true, false, auto")
+        raise _wrong(f"{name} of {words}: {text!r} must be true, false or auto")
     return auto if text == "auto" else text == "true"
 
 
@@ -218,11 +218,11 @@ class _Translation:
         compiler = self._compiler
         angle = compiler.get("angle", "degree")
         if angle not in ("degree", "radian"):
-            raise _wrong(f"angle of compiler: {angle!r} is none of degree, radian")
+            raise _wrong(f"angle of compiler: {angle!r} must be degree or radian")
         self._rad = 1.0 if angle == "radian" else math.pi / 180.0
         self._sequence = compiler.get("eulerseq", "xyz")
         if len(self._sequence) != 3 or not set(self._sequence.lower()) <= set("xyz"):
-            raise _wrong(f"eulerseq of compiler: {self._sequence!r} is no three of x, y, z")
+            raise _wrong(f"eulerseq of compiler: {self._sequence!r} must be three of x, y, z")
         if compiler.get("coordinate", "local") != "local":
             raise _wrong(
                 'compiler has coordinate="global", which MuJoCo no longer reads: save it '

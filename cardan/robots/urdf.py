@@ -442,7 +442,7 @@ def _range(element: ET.Element) -> tuple[float, float]:
     lower = max(lower, _attribute(soft, "soft_lower_limit", "-inf"))
     upper = min(upper, _attribute(soft, "soft_upper_limit", "inf"))
     if not lower <= upper:
-        raise ValueError(f"lower {lower:g} and upper {upper:g} are no range")
+        raise ValueError(f"lower {lower:g} and upper {upper:g} are not a range")
     return lower, upper
 
 

@@ -56,7 +56,7 @@ def read_description(path: Path, file: ArmFile) -> str:
     text = read_text(path, MODEL_BYTES, declared=True)
     if not is_xacro(path):
         if file.xacro:
-            raise ConfigurationError("xacro", f"{path} takes no arguments: it is no .xacro")
+            raise ConfigurationError("xacro", f"{path} takes no arguments: it is not a .xacro file")
         if path.suffix.lower() != MJCF:
             return text
         with about(path):

@@ -74,7 +74,7 @@ def check_jam(faults: Mapping[str, float], joints: int) -> None:
     """Raise ConfigurationError if the fault "jam" names none of an arm's joints."""
     if "jam" in faults and faults["jam"] not in range(1, joints + 1):
         raise ConfigurationError(
-            "faults", f"jam: {faults['jam']:g} is no joint; allowed: 1 to {joints}"
+            "faults", f"jam: {faults['jam']:g} is not a joint; allowed: 1 to {joints}"
         )
 
 

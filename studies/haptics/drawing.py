@@ -27,7 +27,9 @@ def measure(seconds: float) -> Drawing:
         outcome = supervise(config, seconds, through=through)
         options = make_device(config).options
     if not outcome.last.loop.cycles:
-        raise RuntimeError(f"the drawing did not run: {outcome.last.error or 'nothing was heard'}")
+        raise RuntimeError(
+            f"the drawing did not run: {outcome.last.error or 'no state was received'}"
+        )
     return Drawing(
         outcome.last, options.energy_budget_j, tuple(find_problems(outcome.last, options))
     )

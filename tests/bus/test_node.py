@@ -288,7 +288,7 @@ def test_servers_subscribe_publish_call_and_serve(bus):
     until(service.poll, "the request").refuse("no request")
     assert until(lambda: answers[1:], "the refusal") == [Failure("/left/gcmp: no request")]
     network.call("/nobody", TRIGGER, b"", answers.append, 0.1)
-    assert "nobody offers it" in until(lambda: answers[2:], "the end")[0].reason
+    assert "no server offers it" in until(lambda: answers[2:], "the end")[0].reason
 
 
 def test_who_listens_later_is_met_later():

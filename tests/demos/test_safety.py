@@ -189,7 +189,7 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
 def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
     with pytest.raises(ConfigurationError, match=words) as refusal:
         checked(tmp_path, block, tables)
-    assert "it must be simulated throughout" in str(refusal.value)
+    assert "all of its hardware must be simulated" in str(refusal.value)
 
 
 @pytest.mark.parametrize(
@@ -199,8 +199,11 @@ def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
         ("run real.toml", "it starts 'run real.toml'"),
         ("demo real.toml", "it starts 'demo real.toml'"),
         ("sim", "it starts 'sim'"),
-        ("sim omni cardan run real.toml", "'cardan' is no option of a peer"),
-        ("sim omni --script demo cardan run real.toml", "'cardan' is no option of a peer"),
+        ("sim omni cardan run real.toml", "'cardan' is not a peer's option"),
+        (
+            "sim omni --script demo cardan run real.toml",
+            "'cardan' is not a peer's option",
+        ),
         ("sim omni -- cardan run real.toml", "'--' begins a program"),
         ("sim abb-gofa --to 192.168.125.1:6510", "is not an address of this computer"),
         ("sim jr3 --channel 10.0.0.7", "other computers have"),

@@ -56,7 +56,7 @@ def test_a_check_that_fails_is_a_finding_and_ends_no_other():
         ("one", "check"),
         ("broken", "check"),
     ]
-    assert found[1].finding.what.endswith("TypeError: 'fine' is no Finding")
+    assert found[1].finding.what.endswith("TypeError: 'fine' is not a Finding")
     assert found[2].finding.what == "the check 'broken' itself failed: ValueError: no line"
 
 

@@ -573,7 +573,7 @@ class TestOpening:
         ("error", "words"),
         [
             (PermissionError(errno.EACCES, "Permission denied"), "privileged"),
-            (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), "no known IPv4"),
+            (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), "not a known IPv4"),
             (OSError(errno.ENOBUFS, "No buffer space available"), "No buffer space"),
         ],
     )

@@ -212,7 +212,7 @@ def test_a_keyboard_that_another_program_has_grabbed(kernel):
 
 def test_a_node_of_another_kind_is_refused(kernel):
     fake = kernel("keyboard")
-    with pytest.raises(DeviceNotFoundError, match=r"Set 2 keyboard .* is no gamepad"):
+    with pytest.raises(DeviceNotFoundError, match=r"Set 2 keyboard .* is not a gamepad"):
         Gamepad(GamepadOptions(path=fake.path)).open()
 
 
@@ -286,7 +286,7 @@ def test_a_joystick_is_said_to_be_one(kernel, monkeypatch, name):
     fake.device = SimulatedInput(model)
     with pytest.raises(DeviceNotFoundError) as refused:
         Gamepad(GamepadOptions(path=fake.path)).open()
-    assert f"{name} ({fake.path}) is no gamepad: " in str(refused.value)
+    assert f"{name} ({fake.path}) is not a gamepad: " in str(refused.value)
     assert words in str(refused.value)
 
     plugs = Plugs(monkeypatch)

@@ -201,10 +201,12 @@ def test_what_speaks_no_rtde():
             with theirs:
                 theirs.sendall(b"\0\0HTTP/1.1 400 Bad Request\r\n\r\n")
                 found = until(
-                    lambda: next((s for s in (next(states),) if "no RTDE" in s.hold_reason), None),
+                    lambda: next(
+                        (s for s in (next(states),) if "not an RTDE" in s.hold_reason), None
+                    ),
                     "the reason",
                 )
-                assert "a packet of 0 bytes: this is no RTDE" in found.hold_reason
+                assert "a packet of 0 bytes: not an RTDE server" in found.hold_reason
             states.close()
 
 

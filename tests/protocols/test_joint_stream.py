@@ -156,7 +156,7 @@ def test_a_long_reason_is_cut_between_characters():
 def test_wrong_lengths_are_the_programmers():
     with pytest.raises(ValueError, match="1 to 16 joints"):
         encode_state(ONE._replace(torques=()))
-    with pytest.raises(ValueError, match="2 values are none of a VELOCITY"):
+    with pytest.raises(ValueError, match="2 values do not fit a VELOCITY"):
         encode_command(ArmCommand(1, 1, 0.0, ControlMode.VELOCITY, (1.0, 2.0)), 3)
     with pytest.raises(ValueError, match="no feed-forward"):
         encode_command(ArmCommand(1, 1, 0.0, ControlMode.TORQUE, (1.0,), (1.0,)), 1)

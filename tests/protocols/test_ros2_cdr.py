@@ -279,11 +279,11 @@ def test_other_encodings_are_reported():
         ("std_msgs/msg/Int32", {"data": 1 << 31}, "Int32"),
         ("std_msgs/msg/Int32", {"data": "1"}, "Int32"),
         ("std_msgs/msg/Int32", {}, "missing"),
-        ("std_msgs/msg/Int32", 3, "no message"),
+        ("std_msgs/msg/Int32", 3, "not a message"),
         ("std_msgs/msg/String", {"data": "a\0b"}, "NUL"),
         ("std_msgs/msg/String", {"data": 1}, "not a text"),
         ("unique_identifier_msgs/msg/UUID", {"uuid": bytes(15)}, "16 elements, not 15"),
-        ("geometry_msgs/msg/Pose", {"position": 1, "orientation": 2}, "no message"),
+        ("geometry_msgs/msg/Pose", {"position": 1, "orientation": 2}, "not a message"),
     ],
 )
 def test_what_a_type_cannot_carry_is_not_encoded(name, message, words):

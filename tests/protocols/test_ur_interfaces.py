@@ -325,7 +325,7 @@ def test_a_size_that_no_real_time_packet_has(size):
     reader = RealtimeReader()
     reader.feed(struct.pack(">i", size))
     assert reader.take() is None
-    assert reader.failure == f"a packet of {size} bytes: this is no real-time interface"
+    assert reader.failure == f"a packet of {size} bytes: not a real-time interface"
 
 
 # -- end of a script -------------------------------------------------------------------------------

@@ -132,7 +132,7 @@ def test_a_size_that_no_packet_has():
     reader = PacketReader()
     reader.feed(b"\0\1U")
     assert reader.take() is None
-    assert reader.failure == "a packet of 1 bytes: this is no RTDE"
+    assert reader.failure == "a packet of 1 bytes: not an RTDE server"
 
 
 @pytest.mark.parametrize(

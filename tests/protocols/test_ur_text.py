@@ -28,7 +28,7 @@ def test_a_line_without_end():
     reader = dashboard.DashboardReader()
     reader.feed(b"x" * (dashboard.LONGEST_LINE + 1))
     assert reader.take() is None
-    assert "this is no dashboard" in reader.failure
+    assert "not a dashboard server" in reader.failure
     whole = dashboard.DashboardReader()
     whole.feed(b"x" * (dashboard.LONGEST_LINE + 1) + b"\nmore\n")
     assert whole.take() is None
@@ -92,7 +92,7 @@ def test_what_is_no_package():
     reader = primary.PackageReader()
     reader.feed(b"HTTP/1.1 400")
     assert reader.take() is None
-    assert "this is no primary interface" in reader.failure
+    assert "not a primary interface" in reader.failure
 
 
 @settings(max_examples=examples(50))

@@ -115,7 +115,7 @@ def test_a_clock_that_was_set_back_is_not_waited_for(tmp_path):
     times_s, reported = due(tmp_path, [3600.0, 0.0])
     assert times_s == [0.0, 0.0]
     (words,) = reported
-    assert words.startswith("its time makes a step of -3600.0 s after 0.0 s, which was not waited")
+    assert words.startswith("its clock steps by -3600.0 s after 0.0 s, and replay does not wait")
 
 
 def test_what_follows_a_step_keeps_its_spacing(tmp_path):

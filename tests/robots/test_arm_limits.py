@@ -195,7 +195,7 @@ def test_only_the_arm_s_joints_need_limits(load):
         ("velocity_deg_s.a = 0", "velocity_deg_s.*: .*must be above 0"),
         ("velocity_deg_s.a = 1720", "velocity_deg_s.a: 1720 is more than 1718.87"),
         ("upper_deg.a = 1e5", "upper_deg.a: 100000 is more than 57295.8"),
-        ("upper_deg.a = -90", "upper_deg.a: lower -57.2958 and upper -90 are no range"),
+        ("upper_deg.a = -90", "upper_deg.a: lower -57.2958 and upper -90 are not a range"),
         ("lower_deg.a = nan", "lower_deg"),
         ("lower_deg.c = -90", "lower_deg.c: a continuous joint takes no range: leave it out"),
     ],

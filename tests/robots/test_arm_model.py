@@ -109,8 +109,8 @@ def inertial(mass='<mass value="1"/>', tensor="", origin=""):
         (urdf(joint(limit=limit(lower=None))), "missing: lower of 'j'(.|\n)*no lower"),
         (urdf(joint(limit=limit(velocity=None))), "no velocity"),
         (urdf(joint(limit=limit(lower="a"))), "'j': lower 'a' is not a number"),
-        (urdf(joint(limit=limit(lower="nan"))), "lower nan and upper 2 are no range"),
-        (urdf(joint(limit=limit(lower="3"))), "lower 3 and upper 2 are no range"),
+        (urdf(joint(limit=limit(lower="nan"))), "lower nan and upper 2 are not a range"),
+        (urdf(joint(limit=limit(lower="3"))), "lower 3 and upper 2 are not a range"),
         (urdf(joint(limit=limit(upper="inf"))), "missing: upper of 'j'(.|\n)*upper inf"),
         (urdf(joint(limit=limit(velocity="0"))), "missing: velocity of 'j'(.|\n)*velocity 0"),
         (urdf(joint(limit=limit(velocity="-1"))), "velocity -1 is not a speed"),
@@ -468,9 +468,9 @@ def test_limits_of_a_joint_that_is_there_twice_are_not_chosen():
 @pytest.mark.parametrize(
     ("leader", "words"),
     [
-        ("j", "joints: joint 'k' mimics 'j', and they are no telescope: no other joint moves"),
-        ("k", "joint 'k' mimics 'k', which is no joint to follow"),
-        ("l", "joint 'k' mimics 'l', which is no joint to follow"),
+        ("j", "joints: joint 'k' mimics 'j', and they are not a telescope: no other joint moves"),
+        ("k", "joint 'k' mimics 'k', which cannot be followed"),
+        ("l", "joint 'k' mimics 'l', which cannot be followed"),
     ],
 )
 def test_a_joint_that_mimics_another_of_the_arm_is_refused(leader, words):

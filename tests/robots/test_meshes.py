@@ -199,7 +199,7 @@ BAD = {
         r"says 4294967295 facets",
     ),
     "no facets": (b" " * 80 + bytes(4), "stl", "has no faces"),
-    "a corner that is no number": (
+    "a corner that is not a number": (
         binary_stl()[:96] + struct.pack("<f", math.nan) + binary_stl()[100:],
         "stl",
         "a corner that is not finite",
@@ -212,22 +212,30 @@ BAD = {
     ),
     "an ASCII STL with a word": (ascii_stl().replace(b"3.0", b"x.0", 1), "stl", "x.0"),
     "an OBJ cut off": (obj().replace(b"v 0.0 0.0 3.0", b"v 0.0", 1), "obj", "three numbers"),
-    "an OBJ with a face of nothing": (obj().replace(b"f 1//1", b"f 7//1", 1), "obj", "none of its"),
-    "an OBJ with corner 0": (obj().replace(b"f 1//1", b"f 0//1", 1), "obj", "none of its"),
-    "an OBJ that counts back too far": (b"v 0 0 0\nf -1 -2 1\nv 0 0 0\n", "obj", "none of its 2"),
+    "an OBJ with a face of nothing": (
+        obj().replace(b"f 1//1", b"f 7//1", 1),
+        "obj",
+        "not one of its",
+    ),
+    "an OBJ with corner 0": (obj().replace(b"f 1//1", b"f 0//1", 1), "obj", "not one of its"),
+    "an OBJ that counts back too far": (
+        b"v 0 0 0\nf -1 -2 1\nv 0 0 0\n",
+        "obj",
+        "not one of its 2",
+    ),
     "an OBJ without faces": (b"v 0 0 0\n", "obj", "no faces"),
-    "DAE cut off": (dae()[:-9], "dae", "no XML"),
+    "DAE cut off": (dae()[:-9], "dae", "is not XML"),
     "other XML": (b"<robot/>", "dae", "begins with <robot>"),
     "an encoding that there is not": (
         dae().replace(b"utf-8", b"utf-9"),
         "dae",
-        "no XML",
+        "is not XML",
     ),
     "entities": (b"<!DOCTYPE x [<!ENTITY a 'a'>]><COLLADA>&a;</COLLADA>", "dae", "DOCTYPE"),
     "no scene": (dae().replace(b"<scene>", b"<x>").replace(b"</scene>", b"</x>"), "dae", "scene"),
     "a unit of nothing": (dae('<unit meter="0"/>'), "dae", "unit of 0.0 m"),
     "a unit in words": (dae('<unit meter="inch"/>'), "dae", "inch"),
-    "a face of nothing": (dae().replace(b"<p>0 0", b"<p>8 0"), "dae", "none of its 5"),
+    "a face of nothing": (dae().replace(b"<p>0 0", b"<p>8 0"), "dae", "not one of its 5"),
     "a vcount of other corners": (
         dae().replace(b"triangles", b"polylist").replace(b"<p>", b"<vcount>3 4</vcount><p>"),
         "dae",
@@ -269,7 +277,7 @@ BAD = {
         "dae",
         "64 nodes in each other",
     ),
-    "another format": (b"ply", "ply", r"none of \.stl, \.obj, \.dae"),
+    "another format": (b"ply", "ply", r"not a format .*: \.stl, \.obj, \.dae"),
 }
 
 

@@ -197,7 +197,9 @@ def test_along_its_axis_a_capsule_stays_one():
     ids=["elsewhere", "back", "turns", "another between", "negative"],
 )
 def test_what_is_no_telescope_is_refused(loaded, text):
-    with pytest.raises(ConfigurationError, match=r"joint 's\d' mimics 's1', and they are no tele"):
+    with pytest.raises(
+        ConfigurationError, match=r"joint 's\d' mimics 's1', and they are not a tele"
+    ):
         loaded(text)
 
 

@@ -90,7 +90,7 @@ def test_one_that_is_damaged_in_the_cache_is_read_again(own):
         ("bad.stl", "solid", "bad.stl is cut off"),
         ("bad.dae", "<COLLADA/>", "bad.dae has no scene"),
         ("far.obj", "v 1e300 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n", "a corner that is not finite"),
-        ("own.urdf", None, "is none of .stl, .obj, .dae"),
+        ("own.urdf", None, "is not a format that can be read: .stl, .obj, .dae"),
     ],
 )
 def test_one_that_cannot_be_shown_is_left_out_and_said(own, tmp_path, uri, text, words):

@@ -288,7 +288,7 @@ def test_fault_jam():
     assert state.positions[0] == pytest.approx(jammed_at, abs=2e-3)
     assert "joint" in state.reason
     assert "did not follow" in state.reason
-    with pytest.raises(ConfigurationError, match="7 is no joint"):
+    with pytest.raises(ConfigurationError, match="7 is not a joint"):
         Client(["jam=7"])
 
 

@@ -174,7 +174,7 @@ def test_faults_in_time():
 def test_options_that_cannot_be():
     with pytest.raises(ScriptError, match="no fault 'none'"):
         RosArmOptions(faults={"none": 1.0})
-    with pytest.raises(ConfigurationError, match="no joint"):
+    with pytest.raises(ConfigurationError, match="not a joint"):
         RosArmOptions(faults={"jam": 7.0})
 
 

@@ -240,7 +240,7 @@ textmsg("end ", n)"""
         ("x = sqrt(-1)", "sqrt()"),
         ("x = normalize([0, 0])", "normalize(): v has no direction"),
         ("x = log(1, 2)", "log()"),
-        ('x = to_num("x")', "'x' is no number"),
+        ('x = to_num("x")', "'x' is not a number"),
         ("x = struct(a=1)\ny = x.b", "there is no member b"),
         ("def f():\n  sync()\nend\nx = f()", "f() gives no value"),
         ("def f(a):\n  return a\nend\nx = f()", "f(): a is missing"),

@@ -257,7 +257,7 @@ def test_a_line_that_is_too_long_is_answered_and_its_connection_goes_on(world):
 
 def test_what_is_no_rtde_is_informed(world):
     number = world.join("rtde")
-    assert b"this is no RTDE" in world.say(number, b"\0\0V\0\2")
+    assert b"not an RTDE server" in world.say(number, b"\0\0V\0\2")
     assert number in world.closed
 
 

@@ -117,7 +117,7 @@ JOG = {"joint_names": ["no_joint"], "velocities": [0.1]}
         ("~/command/movl", POSE, {"orientation": {"w": 7.0}}, "movl: "),
         ("~/command/movl", TWIST, {"linear": {"x": 1.0}}, "geometry_msgs/msg/Pose"),
         ("~/command/twist", TWIST, {}, "zero begins no stream"),
-        ("~/command/gripper", "std_msgs/Int32", {"data": 9}, "9 is no action"),
+        ("~/command/gripper", "std_msgs/Int32", {"data": 9}, "9 is not an action"),
         (
             "servo_node/delta_twist_cmds",
             "geometry_msgs/TwistStamped",

@@ -55,7 +55,7 @@ def _explain(host: str, port: int, error: OSError) -> str:
             "robot's network, 127.0.0.1 for a controller simulated here, or 0.0.0.0 for any"
         )
     if isinstance(error, socket.gaierror):
-        return f"listen_host {host!r} is no known IPv4 address ({error.strerror}); give a number"
+        return f"listen_host {host!r} is not a known IPv4 address ({error.strerror}); give a number"
     return f"{where} cannot be used: {error.strerror or error}"
 
 

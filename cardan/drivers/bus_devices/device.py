@@ -170,7 +170,7 @@ class BusMixin(ReaderMixin[C]):
             self._attend()
 
     def _await_message(self, messages: WaitingSubscription, timeout_s: float) -> None:
-        # One may be queued yet that came while the handler was set.
+        # A message that arrived while the handler was set is still queued.
         if (received := messages.wait(timeout_s)) is not None:
             self._on_received(received)
 

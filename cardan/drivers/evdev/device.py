@@ -101,7 +101,7 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
             if not self._fits(description.keys, axes):
                 misfit = self._misfit(description.identity, description.keys, axes)
                 raise DeviceNotFoundError(
-                    f"{description.name} ({self.options.path}) is no {self._kind}: "
+                    f"{description.name} ({self.options.path}) is not a {self._kind}: "
                     f"{misfit or 'leave path empty, or see `cardan devices`'}"
                 )
             self._check_choice(description)
@@ -199,7 +199,7 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
                 + (f"; there is {there}: start again to use it" if there else "")
             )
         misfits = "".join(
-            f"; {node.name} ({node.path}) is none: {misfit}"
+            f"; {node.name} ({node.path}) is unsuitable: {misfit}"
             for node in self._nodes(fit=False)
             if (misfit := self._misfit(node.identity, node.keys, node.axes))
         )

@@ -150,7 +150,7 @@ class HandheldCore(BusCore):
     def _on_message(self, message: Message, now_s: float) -> None:
         age_s = message["age"]
         if not 0.0 <= age_s <= OLDEST_S:
-            self._on_malformed("with an age that is none", -1)
+            self._on_malformed("with an age that is out of range", -1)
             return
         frame = decode_frame(bytes(message["frame"]))
         if isinstance(frame, MalformedFrame):

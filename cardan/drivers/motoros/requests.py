@@ -152,7 +152,7 @@ class MotionRequests:
         name = _name(asked.command)
         body = message.body
         if message.comm_type != CommType.SERVICE_REPLY:
-            return f"the answer to {name} is no reply but of communication type {message.comm_type}"
+            return f"the answer to {name} is not a reply: its comm_type is {message.comm_type}"
         if isinstance(body, VelocityInfo) and isinstance(asked.body, VelocityInfoRequest):
             return ""
         if not isinstance(body, MotionReply):

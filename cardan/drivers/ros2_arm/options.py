@@ -89,7 +89,7 @@ class Ros2ArmOptions(NodeOptions):
             good = len(joints) in (0, count)
             require(good, "joints", joints, f"{count} names, as {self.robot} has, or none")
         else:
-            require(bool(joints), "joints", joints, "names of the joints, as robot is empty")
+            require(bool(joints), "joints", joints, "names of the joints, because robot is empty")
 
     @property
     def caution(self) -> str:

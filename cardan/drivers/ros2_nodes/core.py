@@ -89,7 +89,7 @@ class BusCore(DeviceCore):
             return
         message = self._codec.decode(received.data)
         if isinstance(message, MalformedCdr):
-            self._on_malformed("that are cut short or are none", -1)
+            self._on_malformed("that are malformed", -1)
             return
         self._on_message(message, now_s)
 

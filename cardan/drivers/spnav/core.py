@@ -429,7 +429,7 @@ class SpnavCore(DeviceCore):
         limit_s = self._options.stale_after_s
         if self._repeats.repeating:
             return (
-                f"deflected, and for {limit_s:g} s only what the daemon repeats by itself: set "
+                f"deflected, and for {limit_s:g} s the daemon only repeated its last event: set "
                 "repeat-interval = -1 in its spnavrc"
             )
         steady = "the hand may be too steady, " if self.is_serial else ""

@@ -29,7 +29,7 @@ BACKLOGGED_S = 1.0
 """A client is disconnected when its messages have waited for more than STALE_S for this long: it
 sends more than can be handled."""
 
-BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send less often"
+BACKLOGGED = f"your commands have waited here for more than {STALE_S:g} s: send less often"
 """The reason for the client, of 123 bytes at most, the limit of WebSocket."""
 
 

@@ -174,7 +174,7 @@ class OutputCheck:
         if not math.isfinite(sum(pose.position) + sum(pose.orientation)):
             return "a pose that is not numbers"
         if abs(math.hypot(*pose.orientation) - 1.0) > STILL:
-            return "an orientation that is no rotation"
+            return "an orientation that is not a rotation"
         if command.external_axes and not is_finite(command.external_axes):
             return "external axes that are not numbers"
         (fastest_m_s, hardest_m_s2), (fastest_rad_s, hardest_rad_s2) = self._linear, self._angular

@@ -287,7 +287,7 @@ def decode_answer(packet: bytes) -> Reply | MotionNote | None:
         ended = tuple(map(_note, table.get("ended", ())))
         return Reply(number, table.get("result"), None if error is None else _error(error), ended)
     except _BROKEN as error:
-        raise PacketError(f"it is no reply: {error!r:.200}") from None
+        raise PacketError(f"not a reply: {error!r:.200}") from None
 
 
 def _note(table: Mapping[str, Any]) -> MotionNote:

@@ -93,7 +93,7 @@ def checked_name(verb: str, name: object) -> str:
 def checked_source(verb: str, name: object) -> str:
     """Return `name` as that of a source which is a program. Raises MotionRefusedError."""
     if name == OPERATOR:
-        raise MotionRefusedError(f"{verb}: {OPERATOR!r} is the operator device, no program")
+        raise MotionRefusedError(f"{verb}: {OPERATOR!r} is the operator device, not a program")
     return checked_name(verb, name)
 
 

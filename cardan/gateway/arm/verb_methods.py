@@ -335,7 +335,7 @@ class ArmVerbs:
         with self.planning:
             if self.commanded.moving:
                 # From where it begins is not known, and the loop needs the time.
-                return Rehearsal("the arm moves: that is looked at when it rests", "", 0.0)
+                return Rehearsal("the arm moves: this is checked when it rests", "", 0.0)
             try:
                 plan = prepare(self._start(verb, claims=False))
             except MotionRefusedError as error:

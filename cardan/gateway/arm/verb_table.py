@@ -124,7 +124,7 @@ def _word_number(verb: str, word: str) -> float:
     try:
         return float(word)
     except ValueError:
-        raise ConfigurationError(verb, f"{word!r} is no number") from None
+        raise ConfigurationError(verb, f"{word!r} is not a number") from None
 
 
 def _word_numbers(verb: str, words: Sequence[str]) -> list[float]:

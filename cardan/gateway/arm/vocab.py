@@ -16,7 +16,7 @@ def vocab(text: str) -> int:
 def vocab_text(code: int) -> str:
     """The characters of a code. Raises ValueError for an integer that is none."""
     if not 0 < code < 1 << 32:
-        raise ValueError(f"{code} is no code: it takes one to four characters")
+        raise ValueError(f"{code} is not a code: it has one to four characters")
     return code.to_bytes(4, "little").rstrip(b"\0").decode("ascii", "strict")
 
 

@@ -177,7 +177,7 @@ def joint_speeds(names: Sequence[str]) -> Callable[[Message], list[float]]:
 def action_of(code: int) -> Action:
     """Return the gripper's action of a code on ROS 2."""
     if code not in ROS_ACTIONS:
-        raise MotionRefusedError(f"act: {code} is no action; 1 opens, 2 closes, 3 stops")
+        raise MotionRefusedError(f"act: {code} is not an action; 1 opens, 2 closes, 3 stops")
     return ROS_ACTIONS[code]
 
 

@@ -269,7 +269,7 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
         for number in numbers:
             if not -1.0 <= number <= 1.0:
                 raise MotionRefusedError(
-                    f"{number:g} is no share of the full speed, -1 to 1; for m/s and rad/s set "
+                    f"{number:g} is not a share of the full speed, -1 to 1; for m/s and rad/s set "
                     'servo_units = "speed" in [network]'
                 )
         return [number * scale for number in numbers]
@@ -288,7 +288,7 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
     def switch(request: Message) -> dict[Parameter, float]:
         code = request["command_type"]
         if not 0 <= code < len(_COMMAND_TYPES):
-            raise MotionRefusedError(f"{code} is no command type; 0 jogs joints, 1 twist, 2 pose")
+            raise MotionRefusedError(f"{code} is not a command type: 0 joints, 1 twist, 2 pose")
         return {Parameter.STREAM: float(_COMMAND_TYPES[code])}
 
     def pause(request: Message) -> Asks:

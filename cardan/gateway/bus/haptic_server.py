@@ -445,7 +445,7 @@ class HapticServer:
 
 def _decoded(type_name: str, data: bytes, longest: int) -> Message | MalformedCdr:
     if len(data) > longest:
-        return MalformedCdr(f"{len(data)} bytes are no {type_name} that makes sense here")
+        return MalformedCdr(f"{len(data)} bytes are too many for {type_name}: at most {longest}")
     return codec_of(type_name).decode(data)
 
 

@@ -62,7 +62,7 @@ class ArmNeighbors:
             return
         message = self._codec.decode(received.data)
         if isinstance(message, MalformedCdr):
-            watch.refuse(f"messages that are no {STATE_TYPE}", f": {message.reason}")
+            watch.refuse(f"messages that are not {STATE_TYPE}", f": {message.reason}")
             return
         stamp = message["header"]["stamp"]
         watch.take(

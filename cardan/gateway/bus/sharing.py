@@ -511,8 +511,8 @@ class News:
                 f"the router{where} is there again"
                 if routed
                 else f"the router{where} cannot be reached, and nothing moves the arm: start it "
-                "again, or mend the network; this process then goes on by itself; to a router with "
-                "another address share anew"
+                "again, or repair the network; this process then reconnects by itself; for a "
+                "router with another address share again"
             )
         if obstacle and obstacle != self._obstacle:
             self._obstacle = obstacle

@@ -73,7 +73,7 @@ def trajectory_of(goal: Message, joints: Sequence[str], now_ns: int) -> JointTra
         )
     if goal["multi_dof_trajectory"]["points"] or goal["multi_dof_trajectory"]["joint_names"]:
         raise TrajectoryError(
-            INVALID_GOAL, "joints with several degrees of freedom: there are none"
+            INVALID_GOAL, "joints with several degrees of freedom are not supported"
         )
     if not 1 <= len(points) <= MAX_POINTS:
         raise TrajectoryError(INVALID_GOAL, f"it has {len(points)} points, not 1 to {MAX_POINTS}")
@@ -138,7 +138,7 @@ def _tolerances(
             raise TrajectoryError(INVALID_GOAL, f"{name}: only positions are watched")
         position = each["position"]
         if not position < float("inf"):
-            raise TrajectoryError(INVALID_GOAL, f"{name}: {position} is no tolerance")
+            raise TrajectoryError(INVALID_GOAL, f"{name}: {position} is not a tolerance")
         found[joints.index(each["name"])] = max(0.0, position) if position else default
     return found
 

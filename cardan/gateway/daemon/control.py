@@ -98,7 +98,7 @@ def decode_ask(line: bytes) -> Ask:
     if not isinstance(do, str) or do not in NEEDS:
         raise ControlError(f"do: there is no {do!r:.60}; allowed: {', '.join(NEEDS)}", number)
     if not isinstance(name, str):
-        raise ControlError(f"name: {name!r:.60} is no text", number)
+        raise ControlError(f"name: {name!r:.60} is not text", number)
     if table:
         raise ControlError(f"there is no key {next(iter(table))!r:.60}", number)
     return Ask(number, do, name, value)
@@ -115,7 +115,7 @@ def decode_response(line: bytes) -> Response:
     for kind in ("result", "error", "event"):
         if kind in table:
             return Response(table.get("id"), kind, table[kind])
-    raise ControlError(f"it is no answer of the daemon: {line!r:.80}")
+    raise ControlError(f"not a reply of the daemon: {line!r:.80}")
 
 
 def _line(table: dict[str, Any]) -> bytes:

@@ -258,7 +258,7 @@ class Daemon:
                 try:
                     call()
                 except Exception:  # A fault of one process; the others go on.
-                    _log.exception("a report of a process met with a fault of the daemon")
+                    _log.exception("a report of a process failed by a fault of the daemon")
 
     def _summary(self) -> str:
         states = [service.unit.state.value for service in self._services.values()]
@@ -376,7 +376,7 @@ class Daemon:
             return
         except Exception:
             # A single request must not end all sessions.
-            _log.exception("a request, %s, met with a fault of the daemon", ask.do)
+            _log.exception("a request, %s, failed by a fault of the daemon", ask.do)
             connection.tell(Response(ask.id, "error", f"{ask.do}: a fault: see the daemon's log"))
             return
         if found is not None:
@@ -444,7 +444,7 @@ class Daemon:
         if shared is None:
             known = ", ".join(self._shared) or "none"
             raise ControlError(
-                f"{ask.name!r:.70} is no device that several sessions share; those are: {known}",
+                f"{ask.name!r:.70} is not a device that sessions share; these are: {known}",
                 ask.id,
             )
         to = ask.value or shared.after(
@@ -481,7 +481,7 @@ class Daemon:
         period_s = 1.0 if ask.value is None else ask.value
         low, high = WATCH_PERIODS_S
         if isinstance(period_s, bool) or not isinstance(period_s, (int, float)):
-            raise ControlError(f"watch: {period_s!r:.40} is no period in seconds", ask.id)
+            raise ControlError(f"watch: {period_s!r:.40} is not a period in seconds", ask.id)
         if not low <= period_s <= high:
             raise ControlError(
                 f"watch: {period_s!r:.40} s is not allowed; from {low:g} to {high:g}", ask.id

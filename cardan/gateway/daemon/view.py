@@ -75,7 +75,7 @@ def why(row: Row) -> str:
     words = [row["reason"] or row.get("why", "")]
     if row.get("changes_wait"):
         waits = ", ".join(row["changes_wait"])
-        words.append(f"changes wait until nobody has its arm: {waits}")
+        words.append(f"changes wait until no source has its arm: {waits}")
     if row["state"] == "running" and row.get("endpoint"):
         words.append(f"at {row['endpoint']}")
     return coded(printable("; ".join(filter(None, words))))

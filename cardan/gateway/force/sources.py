@@ -121,7 +121,7 @@ class Sieve:
             self._refused_s = reading.stamp_s
             self.refused += 1
         if not is_finite(reading.force):
-            self.reason = f"{self._instrument} gives a force that is no number"
+            self.reason = f"{self._instrument} gives a force that is not a number"
         elif not force_n <= LARGEST_READING_N:
             self.reason = (
                 f"{self._instrument} gives {force_n:.3g} N; more than {LARGEST_READING_N:g} N "

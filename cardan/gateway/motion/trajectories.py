@@ -329,6 +329,6 @@ def samples(path: SplineTrajectory, step_rad: float, most: int) -> FloatArray:
         found += [begin + (end - begin) * part / count for part in range(1, count + 1)]
         if len(found) > most:
             raise MotionRefusedError(
-                f"trajectory: its way is too long to be looked through ({most} samples); send parts"
+                f"trajectory: its path is too long to be checked ({most} samples); send parts"
             )
     return np.array(found)

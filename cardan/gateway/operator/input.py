@@ -294,7 +294,7 @@ class OperatorInput:
             if not is_pose(pose):
                 return "the device gives no pose to follow"
             if position.jumps(pose, device.stamp_s):
-                return "the device's pose jumped: another hand, or the sensor lost it"
+                return "the device's pose jumped: its tracking was lost, or it sees another hand"
             if old:
                 return f"the device is silent for {age_s:.2f} s while its pose is followed"
         return ""

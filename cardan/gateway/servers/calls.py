@@ -79,6 +79,6 @@ def _settle(
         return
     decoded = codec_of(response).decode(reply)
     if isinstance(decoded, MalformedCdr):
-        future.set_exception(CallError(f"{service}: its reply is none: {decoded.reason}"))
+        future.set_exception(CallError(f"{service}: its reply is malformed: {decoded.reason}"))
     else:
         future.set_result(decoded)

@@ -108,7 +108,7 @@ def check_token(token: str, key: str) -> None:
     if len(token) < MIN_TOKEN_CHARACTERS:
         raise OptionError(key, "...", f"at least {MIN_TOKEN_CHARACTERS} characters")
     if any(each.isspace() or not each.isprintable() for each in token):
-        raise OptionError(key, "...", "without spaces and line ends, as it is part of an address")
+        raise OptionError(key, "...", "without spaces and line ends: it is part of an address")
 
 
 def read_tokens(path: str | Path) -> dict[str, Role]:

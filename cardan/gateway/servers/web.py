@@ -162,7 +162,7 @@ class ListenerOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.token and self.token_file:
-            raise OptionError("token_file", self.token_file, "left out, as there is a token")
+            raise OptionError("token_file", self.token_file, "left out, because there is a token")
         if self.token:
             check_token(self.token, "token")
         require(
@@ -635,12 +635,12 @@ def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
             raise ConfigurationError(name, f"{path} cannot be used: {why}; {_MAKE_ONE}") from None
         if "-----BEGIN " not in text:
             raise ConfigurationError(
-                name, f"{path} cannot be used: it is no PEM file, with a line -----BEGIN ...-----"
+                name, f"{path} cannot be used: not a PEM file, with a line -----BEGIN ...-----"
             )
         if "ENCRYPTED" in text:
             raise ConfigurationError(
                 name,
-                f"{path} cannot be used: it has a password, which nobody is asked for here; "
+                f"{path} cannot be used: it has a password, and Cardan asks for none; "
                 f"take it off: openssl pkey -in {path} -out plain-key.pem",
             )
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

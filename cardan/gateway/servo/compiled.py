@@ -173,7 +173,7 @@ class CompiledServo:
             placements.ctypes.data,
             grown.ctypes.data,
         ):
-            raise ValueError("a body cannot be where numbers are none, or be kept closer")
+            raise ValueError("placements must be finite, and grown_m finite and not negative")
         self.collision.grow(first, grown_m)
 
     @property
@@ -291,7 +291,7 @@ class CompiledServo:
             share: float = self._tick(goal, linear, angular, dt_s, flags)
         except TypeError as error:
             float(dt_s)  # Raises TypeError if that is the one that is not a number.
-            raise ValueError(f"{goal} and {twist} are no pose and 2×3 numbers: {error}") from None
+            raise ValueError(f"{goal}, {twist}: not a pose and 2×3 numbers: {error}") from None
         return share
 
     def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:

@@ -34,7 +34,7 @@ REASONS = (
     "its limits are not in order, or not numbers",
     "its task has weights that are not 0 or more, or none above 0",
     "an option of the servo is not a number from 0 to 1e9",
-    "a shape is no capsule, box or half-space with numbers for sizes, or there are too many",
+    "a shape is not a capsule, box or half-space with numbers for sizes, or there are too many",
     "a pair of shapes is not two of different bodies, or there are too many",
 )
 """Reasons for not making a kernel, by its return code."""

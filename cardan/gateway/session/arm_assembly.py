@@ -255,8 +255,8 @@ def make_neighbor_bodies(config: SessionConfig) -> list[NeighborBodies]:
         if table.base_xyz_m is None and joints <= own:
             raise ConfigurationError(
                 f"neighbors.{index}.base_xyz_m",
-                f"is missing: the joints of {table.model!r} are this arm's own, so it is no other "
-                "arm of the same robot; say where its base is",
+                f"is missing: the joints of {table.model!r} are this arm's own, not those of "
+                "another arm of the same robot; say where its base is",
             )
         if table.base_xyz_m is None and joints & own:
             both = [name for name in model.joint_names if name in own]
@@ -337,7 +337,7 @@ def _check_count(collision: CollisionModel, neighbors: bool) -> None:
         if neighbors and count > most:
             raise ConfigurationError(
                 "neighbors",
-                f"with them there are {count} {what} to keep apart, and at most {most} can be: set "
+                f"with them there are {count} {what} to keep apart, and at most {most} fit: set "
                 'fit = "coarse" in [collision] of the arms\' .toml files, or leave some out',
             )
 
@@ -355,8 +355,7 @@ def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
         if {name, f"-{name}"} & {*mapping.axes}:
             raise ConfigurationError(
                 f"mapping.joints.{axis}",
-                f"the axis drives {name} as well: name it in mapping.axes no more, "
-                'with "fixed" in its place',
+                f'the axis drives {name} as well: put "fixed" in its place in mapping.axes',
             )
 
 

@@ -41,7 +41,7 @@ from cardan.types import NEVER_S
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verb_methods import ArmVerbs
 
-GONE = "the node that asked is gone"
+GONE = "the node that sent the request is gone"
 """Reason for ending or not beginning a motion without end."""
 
 MAX_PENDING = 32

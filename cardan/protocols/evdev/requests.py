@@ -156,7 +156,7 @@ def decode_rumble(data: bytes) -> Rumble | MalformedPacket:
         return MalformedPacket("an effect cut short", len(data))
     kind, effect_id, _, _, _, length_ms, _ = _EFFECT_HEAD.unpack_from(data)
     if kind != FF_RUMBLE:
-        return MalformedPacket("an effect that is no rumble", len(data))
+        return MalformedPacket("an effect that is not a rumble", len(data))
     strong, weak = _RUMBLE.unpack_from(data, _UNION_AT)
     return Rumble(effect_id, strong, weak, length_ms)
 

@@ -143,7 +143,7 @@ def encode_command(command: ArmCommand, joints: int) -> bytes:
     elif command.feed_forward:
         raise ValueError(f"a {command.mode.name} command has no feed-forward")
     if not 1 <= joints <= MAX_JOINTS or len(values) != joints * _VECTORS[command.mode]:
-        raise ValueError(f"{len(values)} values are none of a {command.mode.name} command")
+        raise ValueError(f"{len(values)} values do not fit a {command.mode.name} command")
     head = _HEADER.pack(
         MAGIC,
         VERSION,

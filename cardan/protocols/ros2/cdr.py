@@ -157,7 +157,7 @@ class Codec:
 
     def exact(self, data: bytes) -> bytes:
         """Strip up to three zeros that pad `data` behind its message, as DDS does; return it
-        unchanged if it is no message of this type."""
+        unchanged if it is not a message of this type."""
         if self._whole:
             return data
         body = memoryview(data)[len(ENCAPSULATION) :]
@@ -193,7 +193,7 @@ class Codec:
         except KeyError as error:
             raise CdrError(f"{self.name}: the field {error} is missing") from None
         except (TypeError, AttributeError):
-            raise CdrError(f"{self.name}: {message!r:.80} is no message") from None
+            raise CdrError(f"{self.name}: {message!r:.80} is not a message") from None
         for step in self._steps:
             if isinstance(step, _Numbers):
                 form = _padded("<", step.codes, position & 7)
@@ -222,7 +222,7 @@ class Codec:
     def _write_array(self, values: Any, step: _Array, parts: list[bytes], position: int) -> int:
         field = step.field
         if isinstance(values, (str, Mapping)) or not isinstance(values, Iterable):
-            raise CdrError(f"{self.name}: {field.name}: {values!r:.80} is no array")
+            raise CdrError(f"{self.name}: {field.name}: {values!r:.80} is not an array")
         values = values if isinstance(values, (Sequence, bytes)) else list(values)
         count = len(values)
         if (field.array == "fixed" and count != field.length) or (
@@ -350,7 +350,7 @@ class _Reader:
         try:
             text = data.decode("utf-8")
         except UnicodeDecodeError:
-            raise _BadError(f"{field.name} is no UTF-8") from None
+            raise _BadError(f"{field.name} is not UTF-8") from None
         if field.most_characters and len(data) > field.most_characters:
             raise _BadError(f"{field.name} is longer than {field.most_characters} bytes")
         return text

@@ -207,7 +207,7 @@ def message_type(name: str) -> MessageDefinition:
         base, _, part = last.rpartition("_")
         sections = {"Goal": 0, "Result": 1, "Feedback": 2}
     if not base or part not in sections:
-        raise InterfaceError(f"{name} is no message; allowed: {', '.join(sections)} after _")
+        raise InterfaceError(f"{name} is not a message; allowed: {', '.join(sections)} after _")
     section = _sections(package, kind, base, len(sections))[sections[part]]
     return parse_message(name, section)
 
@@ -276,7 +276,7 @@ def parse_message(name: str, text: str) -> MessageDefinition:
             raise InterfaceError(f"{name}: cannot be understood: {said[:80]!r}")
         kind, value = _TYPE.match(match["type"]), match["value"]
         if kind is None:
-            raise InterfaceError(f"{name}: {match['type'][:80]!r} is no type")
+            raise InterfaceError(f"{name}: {match['type'][:80]!r} is not a type")
         if match["equals"]:
             constants.append(Constant(match["name"], kind["base"], value))
         else:

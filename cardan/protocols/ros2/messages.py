@@ -216,7 +216,7 @@ def json_text(name: str, message: Message) -> str:
 def _base64(value: Any) -> str:
     if isinstance(value, (bytes, bytearray, memoryview)):
         return base64.b64encode(value).decode("ascii")
-    raise TypeError(f"{type(value).__name__} is no part of a message")
+    raise TypeError(f"{type(value).__name__} cannot be part of a message")
 
 
 _JSON = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=_base64)

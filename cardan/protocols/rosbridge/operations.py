@@ -224,7 +224,7 @@ class _WrongError(Exception):
 
 
 def _no_constant(text: str) -> float:
-    raise ValueError(f"JSON has no {text}; a float that is no number is null")
+    raise ValueError(f"JSON has no {text}; a float that is not a number is null")
 
 
 class _Fields:

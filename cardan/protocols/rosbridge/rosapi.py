@@ -66,5 +66,5 @@ def parameter_value(text: str, present_type: int) -> Message:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
-        raise ValueError(f"{shown(text)} is no JSON") from None
+        raise ValueError(f"{shown(text)} is not JSON") from None
     return value_of(content, present_type)

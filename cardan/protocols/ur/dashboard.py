@@ -81,7 +81,7 @@ class DashboardReader(StreamReader):
             return None
         line, found, rest = self._pending.partition(b"\n")
         if len(line) > LONGEST_LINE:
-            self.failure = f"a line of more than {LONGEST_LINE} bytes: this is no dashboard"
+            self.failure = f"a line of more than {LONGEST_LINE} bytes: not a dashboard server"
             return None
         if not found:
             return None

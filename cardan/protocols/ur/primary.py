@@ -101,7 +101,7 @@ class PackageReader(StreamReader):
             return None
         size, kind = _HEADER.unpack_from(pending)
         if not _HEADER.size <= size <= LARGEST:
-            self.failure = f"a package of {size} bytes: this is no primary interface"
+            self.failure = f"a package of {size} bytes: not a primary interface"
             return None
         if len(pending) < size:
             return None

@@ -128,7 +128,7 @@ class RealtimeReader(StreamReader):
             return None
         (size,) = _SIZE.unpack_from(pending)
         if not _SIZE.size < size <= LARGEST:
-            self.failure = f"a packet of {size} bytes: this is no real-time interface"
+            self.failure = f"a packet of {size} bytes: not a real-time interface"
             return None
         if len(pending) < size:
             return None

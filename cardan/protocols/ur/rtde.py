@@ -226,7 +226,7 @@ class PacketReader(StreamReader):
             return None
         size, kind = _HEADER.unpack_from(pending)
         if size < _HEADER.size:
-            self.failure = f"a packet of {size} bytes: this is no RTDE"
+            self.failure = f"a packet of {size} bytes: not an RTDE server"
             return None
         if len(pending) < size:
             return None

@@ -76,7 +76,7 @@ class ArmPlant:
         self._effort_over = self._effort * (1.0 + 1e-9)
         start = arm.home if options.start is None else options.start
         if len(start) != n or not all(map(math.isfinite, start)):
-            raise ValueError(f"{start} is no start of an arm with {n} joints")
+            raise ValueError(f"{start} is not a start pose of an arm with {n} joints")
         self._q = np.clip(np.array(start, float), self._lower, self._upper)
         self._v = np.zeros(n)
         self._a = np.zeros(n)

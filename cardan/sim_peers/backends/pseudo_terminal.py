@@ -213,7 +213,7 @@ def _take_lock(link: str) -> int:
         port = _port_in(lock)
         if port and not port.startswith("/dev/"):
             os.close(lock)
-            raise AddressError(f"{path!r} exists and is no lock of a link; give another path")
+            raise AddressError(f"{path!r} exists and is not the lock of a link; give another path")
         if os.fstat(lock).st_nlink:
             return lock
         os.close(lock)  # The owner has just removed it.

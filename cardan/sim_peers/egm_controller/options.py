@@ -187,7 +187,7 @@ class EgmControllerOptions(Options):
         super().__post_init__()
         if self.virtual:
             periods = (REAL_PERIOD_S, VIRTUAL_PERIOD_S)
-            allowed = "left out, as virtual is a period, too: give one of them"
+            allowed = "left out, because virtual is a period, too: give one of them"
             require_each(self, ("period_s", self.period_s in periods, allowed))
             object.__setattr__(self, "period_s", VIRTUAL_PERIOD_S)
         rate = self.sample_rate_ms

@@ -39,7 +39,7 @@ FAULTS: Final = (
         "stuck", "the control counts as held from VALUE s on, whatever the device does", 3.0
     ),
     FaultSwitch("late", "every frame is VALUE s on its way", 0.2),
-    FaultSwitch.share("nan", "share of frames with a number that is none"),
+    FaultSwitch.share("nan", "share of frames with a number that is NaN"),
 )
 
 PERIOD_S: Final = 1.0 / 60.0

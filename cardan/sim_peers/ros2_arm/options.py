@@ -25,7 +25,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("silence", "no joint states for this long every 5 s, s", 0.3),
     FaultSwitch.at("restart", "the nodes stop and return after 1 s,"),
     FaultSwitch.at("stale", "joint states repeat themselves, stamp and all, from"),
-    FaultSwitch.share("nan", "share of joint states with a position that is no number"),
+    FaultSwitch.share("nan", "share of joint states with a position that is not a number"),
     FaultSwitch.share("absurd", "share of joint states with a position of 1e9 rad"),
     FaultSwitch.at("wrong-names", "joints are called otherwise from"),
     FaultSwitch.at("missing", "joint states lack the last joint from"),

@@ -22,7 +22,7 @@ FAULTS = (
     *PERIODIC_FAULTS,
     FaultSwitch("exit", "the node ends at VALUE s", 3.0),
     FaultSwitch("hang", "the node publishes nothing more from VALUE s on", 3.0),
-    FaultSwitch.share("nan", "share of messages with an axis that is no number"),
+    FaultSwitch.share("nan", "share of messages with an axis that is not a number"),
 )
 
 JOY = "sensor_msgs/msg/Joy"

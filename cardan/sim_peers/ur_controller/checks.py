@@ -21,14 +21,14 @@ SMALLEST: Final = 1e-6
 def number(name: str, value: Any) -> float:
     """Return a finite number."""
     if not is_number(value) or not math.isfinite(value):
-        raise ValueError(f"{name} is {text(value)}, which is no number")
+        raise ValueError(f"{name} is {text(value)}, which is not a number")
     return float(value)
 
 
 def numbers(name: str, value: Any) -> list[float]:
     """Return the finite numbers of a list or a pose."""
     if not isinstance(value, (list, UrPose)):
-        raise ValueError(f"{name} is {text(value)}, which is no list")
+        raise ValueError(f"{name} is {text(value)}, which is not a list")
     return [number(name, each) for each in value]
 
 
@@ -57,7 +57,7 @@ def truth(name: str, value: Any) -> bool:
 def words(name: str, value: Any) -> str:
     """Return a text."""
     if not isinstance(value, str):
-        raise ValueError(f"{name} is {text(value)}, which is no text")
+        raise ValueError(f"{name} is {text(value)}, which is not a string")
     return value
 
 
@@ -67,7 +67,7 @@ def words(name: str, value: Any) -> str:
 def moderate(name: str, value: Any) -> float:
     """Return a number that a motion can have."""
     if not is_number(value) or not abs(value) <= LARGEST:
-        raise ValueError(f"{name} is {text(value)}, which is no number up to {LARGEST:.0f}")
+        raise ValueError(f"{name} is {text(value)}, which is not a number up to {LARGEST:.0f}")
     return float(value)
 
 

@@ -89,7 +89,7 @@ def _length(value: Any) -> int:
 
 def _matrix(value: Any) -> list[list[float]]:
     if not isinstance(value, list) or not value or not isinstance(value[0], list):
-        raise ValueError(f"{text(value)} is no matrix")
+        raise ValueError(f"{text(value)} is not a matrix")
     rows = [numbers("m", row) for row in value]
     if any(len(row) != len(rows[0]) for row in rows):
         raise ValueError("the rows of a matrix have several lengths")
@@ -131,7 +131,7 @@ def inverse_matrix(value: Any) -> list[list[float]]:
 def _to_integer(value: Any) -> int:
     """Return the integer of a list of bits, the lowest first."""
     if not isinstance(value, list) or len(value) > _BITS:
-        raise ValueError(f"{text(value)} is no list of at most {_BITS} truths")
+        raise ValueError(f"{text(value)} is not a list of at most {_BITS} truths")
     found = sum(truth("l", each) << n for n, each in enumerate(value))
     return found if found < 2 ** (_BITS - 1) else found - 2**_BITS
 
@@ -176,4 +176,4 @@ def _to_num(value: Any) -> float | int:
             return whole("str", int(found), -(2**31), 2**31 - 1)
         return number("str", float(found))
     except ValueError:
-        raise ValueError(f"{found!r} is no number") from None
+        raise ValueError(f"{found!r} is not a number") from None

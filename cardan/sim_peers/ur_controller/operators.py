@@ -257,7 +257,7 @@ def with_element(of: Any, path: Sequence[Any], value: Any) -> Any:
     if not isinstance(inner, (list, Struct)):
         return changed
     if not _is_matrix(of):
-        raise ValueError("an element of a list is no list")
+        raise ValueError("an element of a list is not a list")
     return listed(changed)
 
 

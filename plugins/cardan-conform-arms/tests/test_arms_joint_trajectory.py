@@ -264,7 +264,7 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
     _hear(timeline, STATES, {"name": ["a"], "position": [math.inf]})
     decoded = SUITE.decode(timeline)
     assert decoded.farthest(decoded.states)[:2] == (math.inf, "a")
-    assert requires.all()[0].check(decoded) == failed("a position is no number", [5])
+    assert requires.all()[0].check(decoded) == failed("a position is not a number", [5])
 
 
 @pytest.mark.matrix

@@ -652,7 +652,7 @@ class _Client(_Given):
             late = [number for number, (_, end_s) in self._waiting.items() if end_s <= now_s]
             due_s = min((end_s for _, end_s in self._waiting.values()), default=float("inf"))
         for number in late:
-            words = "no reply; nobody offers it, or too late"
+            words = "no reply: no server offers it, or late"
             self._answer(number, Failure(f"{self._service}: {words}"))
         return min(due_s, now_s + LOOK_S) if self._unsent else due_s
 

@@ -115,7 +115,7 @@ def test_a_call_that_nobody_answers_ends(pair):
     assert listener.wait_for_service("/nothing", 0.0) is False
     replies = []
     listener.call("/nothing", TRIGGER, REQUEST, replies.append, 0.05)
-    assert "nobody offers it" in until(lambda: replies)[0].reason
+    assert "no server offers it" in until(lambda: replies)[0].reason
     listener.call("/nothing", TRIGGER, REQUEST, replies.append, None)
     listener.close()
     assert "closed" in until(lambda: replies[1:])[0].reason

@@ -56,7 +56,7 @@ def _candump(stream: BinaryIO) -> Iterator[Logged]:
             continue
         match = _LINE.fullmatch(text)
         if match is None:
-            raise ValueError(f"line {number} is none of candump -L: {text[:80]!r}")
+            raise ValueError(f"line {number} is not of candump -L: {text[:80]!r}")
         word = int(match["id"], 16)
         if len(match["id"]) > 3 and not word & ERROR:
             word |= EXTENDED

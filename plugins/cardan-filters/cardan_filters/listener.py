@@ -167,7 +167,7 @@ class DatagramListener:
         """Return the faults of the datagrams of `sensor`."""
         found = []
         if self.is_open and not self.heard:
-            found.append(f"nothing was heard from the {sensor} on {shown_place(self.place)} yet")
+            found.append(f"nothing was received from the {sensor} on {shown_place(self.place)} yet")
         if self.malformed:
             found.append(
                 f"{self.malformed} datagrams from the {sensor} are malformed, the last one "

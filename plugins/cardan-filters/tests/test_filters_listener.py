@@ -82,7 +82,7 @@ def test_a_flood_is_read_in_portions_and_grows_old(sensor):
 
 
 def test_malformed_datagrams_are_counted_and_named(sensor):
-    assert "nothing was heard" in sensor.listener.diagnosis("sensor")[0]
+    assert "nothing was received" in sensor.listener.diagnosis("sensor")[0]
     sensor.send(b"bad", b"good", b"bad")
     sensor.listener.drain(10.0)
     assert (sensor.listener.heard, sensor.listener.malformed) == (1, 2)
@@ -185,7 +185,7 @@ class TestOptions:
         assert stat.S_IMODE(os.stat(os.path.dirname(place)).st_mode) == 0o700
         listener.close()
         os.chmod(os.path.dirname(place), 0o777)
-        with pytest.raises(AddressError, match="is no folder that only you can change"):
+        with pytest.raises(AddressError, match="is not a folder that only you can change"):
             listener.open()
 
     def test_a_path_or_a_port_where_they_are_given(self):

@@ -38,7 +38,7 @@ class Packages:
         for each in folders:
             root = Path(each).resolve()
             if not root.is_dir():
-                raise ConfigurationError("packages", f"{each} is no folder")
+                raise ConfigurationError("packages", f"{each} is not a folder")
             name = _name_of(root)
             if self._roots.setdefault(name, root) != root:
                 raise ConfigurationError(
@@ -57,7 +57,7 @@ class Packages:
                 f"there is no package {shown(name)}: the option packages names folders"
             )
         if "\0" in rest:
-            raise AssetError(f"{shown(uri)} is no path")
+            raise AssetError(f"{shown(uri)} is not a path")
         try:
             path = (root / rest.lstrip("/")).resolve()
             if not path.is_relative_to(root):

@@ -508,7 +508,7 @@ class FoxgloveConnection:
             try:
                 fields = json.loads(data)
             except (ValueError, RecursionError):
-                raise RefusedError(f"{published.topic}: {shown(data)} is no JSON") from None
+                raise RefusedError(f"{published.topic}: {shown(data)} is not JSON") from None
             data = codec.encode(completed(advertised.type, fields, Stamp.of_ns(since_ns)))
         elif isinstance(found := codec.decode(data), MalformedCdr):
             raise RefusedError(f"{published.topic}: no {advertised.type}: {found.reason}")

@@ -365,7 +365,7 @@ def test_acts_of_a_script():
         ("1 wrench 1 2 3 4 5 6 7", "too much"),
         ("1 swing 1 2 3 4 5 6", "'over' is missing"),
         ("1 swing 1 2 3 4 5 6 over 0", "from 0.002"),
-        ("1 overload ff", "no component"),
+        ("1 overload ff", "not a component"),
         ("1 release over -1", "from 0"),
         ("1 power-off now", "too much"),
         ("0 loop", "after 0 s"),

@@ -363,7 +363,7 @@ def test_a_log_of_candump_that_is_cut(tmp_path):
     path = tmp_path / "candump.log"
     path.write_text("\n".join([*candump(SAMPLES), "(1700000000.00"]))
     out = io.StringIO()
-    with pytest.raises(CaptureError, match=r"damaged: line 4 is none of candump -L: '.*after pack"):
+    with pytest.raises(CaptureError, match=r"damaged: line 4 is not of candump -L: '.*after pack"):
         dissect_file(path, out)
     assert SHOWN[0] in out.getvalue()
 
@@ -371,7 +371,7 @@ def test_a_log_of_candump_that_is_cut(tmp_path):
 def test_a_time_of_candump_that_is_too_long_is_reported_by_its_line(tmp_path):
     path = tmp_path / "candump.log"
     path.write_text(f"({'9' * 5000}.000000) can0 181#00\n")
-    with pytest.raises(CaptureError, match=r"damaged: line 1 is none of candump -L: '\(9999"):
+    with pytest.raises(CaptureError, match=r"damaged: line 1 is not of candump -L: '\(9999"):
         dissect_file(path, io.StringIO())
 
 

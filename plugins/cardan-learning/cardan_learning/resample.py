@@ -258,7 +258,7 @@ def read_frames(
             frames.problems += _reported(path, track)
         breaks = _breaks(tracks, longest_gap_s)
         frames.problems += (
-            f"{path}: {each.what}: nothing for {each.long_ns / NS:.1f} s, at which an episode ends "
+            f"{path}: {each.what}: nothing for {each.long_ns / NS:.1f} s: the episode ends there "
             "(a clock was set, or nothing was published; --longest-gap)"
             for each in breaks
         )
@@ -282,7 +282,7 @@ def _reported(path: Path, track: Track) -> Iterator[str]:
             "before (a clock was set, or two programs publish)"
         )
     if track.unusable:
-        yield f"{path}: {track.unusable} {track.what} left out: they are no numbers, or too few"
+        yield f"{path}: {track.unusable} {track.what} left out: they are not numbers, or too few"
 
 
 # -- reading --------------------------------------------------------------------------------------

@@ -122,7 +122,7 @@ def test_at_a_clock_that_was_set_ahead_an_episode_ends(tmp_path, step_s):
     assert [len(each.actions) for each in frames.episodes] == [31, 30]
     assert not any(each.gaps for each in frames.episodes)
     assert len(frames.problems) == 3
-    assert f"joints: nothing for {step_s:.1f} s, at which an episode ends" in frames.problems[0]
+    assert f"joints: nothing for {step_s:.1f} s: the episode ends there" in frames.problems[0]
 
 
 def test_how_long_gaps_are_filled_is_an_option(tmp_path):
@@ -205,7 +205,7 @@ def test_what_is_no_number_is_left_out_and_reported(tmp_path):
                 message = {**message, "position": [math.nan, 0.0]}
             rows.append((log_s, where, message))
     frames = read_frames([write(tmp_path / "r.mcap", rows)], 10)
-    assert any("joints left out: they are no numbers" in each for each in frames.problems)
+    assert any("joints left out: they are not numbers" in each for each in frames.problems)
     assert all(math.isfinite(number) for seen in frames.episodes[0].observations for number in seen)
 
 

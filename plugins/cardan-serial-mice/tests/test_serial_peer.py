@@ -662,7 +662,7 @@ def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
     assert os.readlink(peer.endpoint) != os.ttyname(slave)
     peer.close()
     (tmp_path / "port.lock").write_text("mine")
-    with pytest.raises(AddressError, match="is no lock of a link"):
+    with pytest.raises(AddressError, match="is not the lock of a link"):
         SerialPuckPeer(options(tmp_path)).open()
     assert (tmp_path / "port.lock").read_text() == "mine"
     os.close(master)

@@ -219,7 +219,7 @@ def test_closed_and_ended_loops_say_so(reach):
         assert motion.outcome is Outcome.ABORTED
         for ask in (device.stat, lambda: device.movl([0.0] * 6), lambda: device.twist([0.0] * 6)):
             with pytest.raises(
-                MotionLoopError, match=r"has ended|has left the network|nobody offers it"
+                MotionLoopError, match=r"has ended|has left the network|no server offers it"
             ):
                 ask()
         device.close()
@@ -316,16 +316,16 @@ REFUSED = [
     ("hand_over", ("",), f"hand_over: {NO_NAME} ''"),
     ("hand_over", (None,), f"hand_over: {NO_NAME} None"),
     ("hand_over", (LONG,), f"hand_over: {NO_NAME} {CUT}"),
-    ("acquire", ("device",), "acquire: 'device' is the operator device, no program"),
+    ("acquire", ("device",), "acquire: 'device' is the operator device, not a program"),
     ("acquire", (LONG,), f"acquire: {NO_NAME} {CUT}"),
-    ("release", ("device",), "release: 'device' is the operator device, no program"),
+    ("release", ("device",), "release: 'device' is the operator device, not a program"),
     ("release", (LONG,), f"release: {NO_NAME} {CUT}"),
     ("release", (5,), f"release: {NO_NAME} 5"),
 ]
 """Requests that both implementations refuse: verb, arguments, message."""
 
 STREAMS_REFUSED = [
-    ("twist", SIX, {"owner": "device"}, "twist: 'device' is the operator device, no program"),
+    ("twist", SIX, {"owner": "device"}, "twist: 'device' is the operator device, not a program"),
     ("twist", SIX, {"owner": LONG}, f"twist: {NO_NAME} {CUT}"),
     ("twist", SIX, {"owner": 5}, f"twist: {NO_NAME} 5"),
     ("twist", SIX, {"sequence": "x"}, f"twist: the sequence number 'x' {NO_SEQUENCE}"),

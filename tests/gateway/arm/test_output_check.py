@@ -85,7 +85,7 @@ def test_what_is_no_number_never_passes_not_even_first(command, bad):
 @pytest.mark.parametrize("orientation", [(0.0,) * 4, (2.0, 0.0, 0.0, 0.0), (1e300,) * 4])
 def test_an_orientation_that_is_no_rotation_does_not_pass(orientation):
     command = PoseCommand(Pose(ZERO3, Quaternion(*orientation)))
-    assert "no rotation" in OutputCheck(LIMITS).violation(command, DT_S)
+    assert "not a rotation" in OutputCheck(LIMITS).violation(command, DT_S)
 
 
 @pytest.mark.parametrize(

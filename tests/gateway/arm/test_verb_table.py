@@ -103,7 +103,7 @@ def test_the_words_of_a_command_line(words, asked):
         ("trajectory", "there is no 'trajectory'"),
         ("movl 1 2", "movl: takes x y z .* not 2 values: 1 2"),
         ("retract", "takes a distance .m., not 0 values"),
-        ("movv 0 0 z 0 0 0", "movv: 'z' is no number"),
+        ("movv 0 0 z 0 0 0", "movv: 'z' is not a number"),
         ("set_parameters gain", "takes parameters, each with its value, not 1 value"),
         ("set_parameter nothing 1", "nothing"),
     ],

@@ -101,7 +101,7 @@ def test_a_motion_that_another_takes_over_is_reported(bench):
         ("movj", {"orientation": {"w": 3}}, "has length 3, not 1"),
         ("movv", {}, "moves nothing"),
         ("movv", {"linear": {"x": None}}, "movv"),
-        ("gripper", {"data": 7}, "7 is no action"),
+        ("gripper", {"data": 7}, "7 is not an action"),
         ("gripper", {"data": 1}, "no gripper"),
         ("forc", {"force": {"z": None}}, "forc"),
         ("tool", {"orientation": {"w": 0}}, "has length 0"),

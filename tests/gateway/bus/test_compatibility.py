@@ -245,12 +245,12 @@ def test_a_pose_target_is_gone_to(bench):
     [
         (TWIST, twist("", x=0.1), "header.frame_id is empty: it has to be 'base_link' (base)"),
         (TWIST, twist("odom", x=0.1), "the frame 'odom' is not known"),
-        (TWIST, twist(x=None), "nan is no share"),
-        (TWIST, twist(x=1.01), "1.01 is no share of the full speed"),
+        (TWIST, twist(x=None), "nan is not a share"),
+        (TWIST, twist(x=1.01), "1.01 is not a share of the full speed"),
         (JOG, {"joint_names": ["knee"], "velocities": [0.1]}, "there is no joint 'knee'"),
         (JOG, {"joint_names": ["elbow_joint"], "velocities": []}, "1 joint names and 0"),
         (JOG, {"joint_names": ["elbow_joint"] * 2, "velocities": [0.1, 0.1]}, "named twice"),
-        (JOG, {"joint_names": ["elbow_joint"], "velocities": [None]}, "nan is no share"),
+        (JOG, {"joint_names": ["elbow_joint"], "velocities": [None]}, "nan is not a share"),
         (JOG, {"displacements": [0.1]}, "displacements are not taken"),
         (POSE, {"header": header("map")}, "the frame 'map' is not known"),
         (POSE, {"header": header(), "pose": {"position": {"x": None}}}, "not numbers"),
@@ -280,7 +280,7 @@ def test_the_command_type_is_switched(bench):
     bench.command(TWIST, twist(z=0.1))
     assert outcomes(bench)[-1] == ("twist", "refused", "twst: the streaming command is pose")
     assert bench.call(switch, {"command_type": 7}).answer == {"success": False}
-    assert "7 is no command type" in outcomes(bench)[-1][2]
+    assert "7 is not a command type" in outcomes(bench)[-1][2]
 
 
 def test_pausing_brakes_and_refuses_until_it_is_resumed(bench):

@@ -208,14 +208,16 @@ def test_what_is_far_too_long_is_not_even_read():
     bench = Bench()
     bench.publisher(JOINTS).publish(completed(JOINTS, {"effort": [0.0] * 100_000}))
     bench.run()
-    assert "bytes are no sensor_msgs/msg/JointState" in bench.reported("result")[0]["reason"]
+    assert (
+        "bytes are too many for sensor_msgs/msg/JointState" in bench.reported("result")[0]["reason"]
+    )
     client = FakeUser(bench.node, "SC", "~/set_parameters", "rcl_interfaces/srv/SetParameters")
     given = completed("rcl_interfaces/msg/Parameter", {"name": "mode_feedback"})
     asked = client.ask({"parameters": [given] * 1000})
     bench.run()
     answer = codec_of("rcl_interfaces/srv/SetParameters_Response").decode(asked.answer)
     (result,) = answer["results"]
-    assert "bytes are no rcl_interfaces/srv/SetParameters_Request" in result["reason"]
+    assert "bytes are too many for rcl_interfaces/srv/SetParameters_Request" in result["reason"]
     assert (bench.feedback.given, bench.server.refused) == ([], 2)
 
 

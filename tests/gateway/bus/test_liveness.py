@@ -28,7 +28,7 @@ ARM = f"/{DEFAULT_NAME}"
 RESULT = "cardan_msgs/msg/CommandResult"
 TWIST = "geometry_msgs/msg/Twist"
 TIMEOUT_S = WITHIN_S
-GONE = "the node that asked is gone"
+GONE = "the node that sent the request is gone"
 
 
 class Served:

@@ -210,7 +210,7 @@ BAD = {
     ),
     "a tolerance that is none": (
         lambda b: goal(b, STEP, goal_tolerance=tolerances(b, None)), fjt.INVALID_GOAL,
-        "is no tolerance",
+        "is not a tolerance",
     ),
     "a tolerance of components": (
         lambda b: goal(b, STEP, component_path_tolerance=[{"joint_name": "x"}]),

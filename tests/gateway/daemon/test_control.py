@@ -43,7 +43,7 @@ def test_answers_come_back(kind):
         (b'{"id":-1,"do":"units"}', "not a whole number", None),
         (b'{"id":3,"do":"fly"}', "there is no 'fly'; allowed: units", 3),
         (b'{"id":3,"do":["units"]}', "there is no", 3),
-        (b'{"id":3,"do":"stop","name":1}', "no text", 3),
+        (b'{"id":3,"do":"stop","name":1}', "is not text", 3),
         (b'{"id":3,"do":"stop","nmae":"x"}', "there is no key 'nmae'", 3),
         (b"[" * 100_000, "not JSON", None),
     ],

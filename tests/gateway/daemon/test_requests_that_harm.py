@@ -14,7 +14,7 @@ from fuzz.targets.texts import idle_daemon
         (Ask(3, "watch", "", 10**400), "is not allowed; from"),
         (Ask(3, "watch", "", -(10**400)), "is not allowed; from"),
         (Ask(3, "watch", "", float("nan")), "is not allowed; from"),
-        (Ask(3, "switch", "", ["a"]), "no device that several sessions share"),
+        (Ask(3, "switch", "", ["a"]), "not a device that sessions share"),
         (Ask(3, "log", "", ["a"]), "true or false"),
     ],
 )

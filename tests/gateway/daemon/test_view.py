@@ -107,7 +107,7 @@ def test_why():
     assert why(SESSION) == ""
     assert why(SESSION | {"state": "waiting", "reason": "busy", "why": "old"}) == "busy"
     changed = why(SESSION | {"changes_wait": ["arm.model", "limits.max_lead_m"]})
-    assert changed == "changes wait until nobody has its arm: arm.model, limits.max_lead_m"
+    assert changed == "changes wait until no source has its arm: arm.model, limits.max_lead_m"
     assert why(SERVER) == "at ws://127.0.0.1:9090"
     assert why(SERVER | {"state": "failed", "reason": "port taken"}) == "port taken"
     assert why(SESSION | {"why": "a\x1b[2J\nb"}) == why(SESSION | {"why": r"a\x1b[2J\nb"})

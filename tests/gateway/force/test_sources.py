@@ -43,7 +43,7 @@ def test_a_robot_without_a_force_says_so():
     assert source.read(robot_state(1.0, link=RobotLink.LOST), None) is None
     assert source.diagnosis() == ()
     assert source.read(robot_state(1.0, force=(math.nan, 0.0, 0.0)), None) is None
-    assert "no number" in source.reason
+    assert "not a number" in source.reason
 
 
 def test_a_sensor_is_opened_zeroed_and_closed_with_its_source():
@@ -62,7 +62,7 @@ def test_a_sensor_is_opened_zeroed_and_closed_with_its_source():
         (60.0, (0.0, 0.0, 50.0), "the sensor gives a time 49.9 s in the future"),
         (10.1, (0.0, 0.0, 1e30), "the sensor gives 1e+30 N; more than 1000 N is rejected"),
         (10.1, (800.0, 800.0, 0.0), "more than 1000 N"),
-        (10.1, (math.inf, 0.0, 0.0), "no number"),
+        (10.1, (math.inf, 0.0, 0.0), "not a number"),
     ],
 )
 def test_a_reading_that_cannot_be_true_is_none_and_the_one_before_stands(stamp_s, force, words):

@@ -259,7 +259,7 @@ def test_samples_are_as_near_as_asked_and_bounded():
     assert times[0] == 0.0
     assert times[-1] == 2.0
     assert np.abs(np.diff(rows, axis=0)).max() < 0.1
-    with pytest.raises(MotionRefusedError, match="too long to be looked through"):
+    with pytest.raises(MotionRefusedError, match="too long to be checked"):
         samples(path, 1e-4, 2000)
 
 

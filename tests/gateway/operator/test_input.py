@@ -546,7 +546,9 @@ def test_a_hand_that_leaps_is_let_go():
     asked = posed()
     far = Pose(Vector3(0.5, 0.2, 0.3), IDENTITY)
     request = asked.tick(REST, "left", pose=far)
-    assert request.fault == "the device's pose jumped: another hand, or the sensor lost it"
+    assert (
+        request.fault == "the device's pose jumped: its tracking was lost, or it sees another hand"
+    )
     assert not request.armed
     assert posed().tick(REST, pose=far).fault == ""  # the pose is not followed here
 

@@ -116,7 +116,7 @@ def test_a_short_token_in_the_environment_is_refused_by_its_name(monkeypatch):
 
 
 def test_two_tokens_are_one_too_many():
-    with pytest.raises(OptionError, match="left out, as there is a token"):
+    with pytest.raises(OptionError, match="left out, because there is a token"):
         WebOptions(token=TOKEN, token_file="x")
 
 
@@ -241,7 +241,7 @@ def opened(**options):
         ("one.pem", "other.key", "the key is that of another certificate"),
         ("one.pem", "locked.key", "key: .*has a password.*openssl pkey"),
         ("one.der", "one.key", "certificate: .*cannot be used"),
-        ("text.pem", "one.key", "certificate: .*it is no PEM file"),
+        ("text.pem", "one.key", "certificate: .*not a PEM file"),
         ("one.key", "one.pem", "cannot be used"),
     ],
 )

@@ -485,7 +485,7 @@ def test_too_many_pairs_are_refused_and_the_remedy_is_said():
     one = table()["neighbors"][0]
     many = [{**one, "name": f"{number}", "topic": f"/arm{number}"} for number in range(40)]
     config = parse_config({**table(), "neighbors": many})
-    with pytest.raises(ConfigurationError, match=r'at most 256 can be: set fit = "coarse"'):
+    with pytest.raises(ConfigurationError, match=r'at most 256 fit: set fit = "coarse"'):
         make_controller(config, make_robot(config))
 
 

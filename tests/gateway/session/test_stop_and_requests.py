@@ -425,7 +425,7 @@ def test_a_motion_without_end_ends_with_who_asked_for_it(bench):
     assert bench.verbs.reasons == []
     client.there = False
     bench.worker.attend()
-    assert bench.verbs.reasons == ["the node that asked is gone"]
+    assert bench.verbs.reasons == ["the node that sent the request is gone"]
     bench.worker.attend()
     assert client.heard.get(timeout=TIMEOUT_S)[:2] == ("ended", Outcome.ABORTED)
     assert len(bench.verbs.reasons) == 1
@@ -494,7 +494,7 @@ def test_a_motion_without_end_does_not_begin_for_who_is_gone(bench):
     client = Watched()
     client.there = False
     reported = begin(bench, client, "movv", POSE)
-    assert reported == ("refused", "movv: the node that asked is gone")
+    assert reported == ("refused", "movv: the node that sent the request is gone")
     assert bench.verbs.began == []
 
 

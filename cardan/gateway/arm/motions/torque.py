@@ -19,7 +19,7 @@ from cardan.robots.counterbalance import Counterbalance
 from cardan.spatial import add, is_finite, limit_norm, norm, subtract
 from cardan.types import ZERO3, Frame, RobotState, TorqueCommand, Vector3, Wrench
 
-_SLEW = "the largest force within 10 ms; beyond, it is there at once"
+_SLEW = "the largest force within 10 ms; a faster rise is a step"
 FORCE_SLEW_N_S = bounds.Range(0.0, 1e6, "N/s", _SLEW, above=True)
 TORQUE_SLEW_NM_S = bounds.Range(0.0, 1e6, "N·m/s", _SLEW, above=True)
 

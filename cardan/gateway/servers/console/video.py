@@ -123,10 +123,10 @@ def _prepare(call: Ioctl, device: int) -> None:
     try:
         call(device, QUERYCAP, capability)
     except OSError as error:
-        raise OSError(error.errno, "it is no V4L2 device") from None
+        raise OSError(error.errno, "it is not a V4L2 device") from None
     _, own = _CAPABILITY.unpack(capability)
     if not own & CAPTURE or not own & STREAMING:
-        raise OSError(errno.EINVAL, "it is no camera: it captures no video")
+        raise OSError(errno.EINVAL, "it is not a camera: it captures no video")
     form = bytearray(_FORMAT.pack(CAPTURE, *SIZE, MJPEG))
     call(device, S_FMT, form)
     if _FORMAT.unpack(form)[3] != MJPEG:

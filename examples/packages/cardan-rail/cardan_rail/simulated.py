@@ -30,7 +30,7 @@ FAULTS = (
     FaultSwitch.at("estop", "emergency stop"),
     FaultSwitch.at("restart", "the controller restarts"),
     FaultSwitch.at("mute", "half a second without a state"),
-    FaultSwitch.flag("nan", "positions are no numbers in every tenth state"),
+    FaultSwitch.flag("nan", "positions are not numbers in every tenth state"),
 )
 
 OFF_S = 1.0

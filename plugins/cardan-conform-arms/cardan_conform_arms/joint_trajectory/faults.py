@@ -27,6 +27,6 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.flag("aborts", "goals that are canceled end as ABORTED"),
     FaultSwitch.flag("coasts", "goals that are canceled move the arm on"),
     FaultSwitch.flag("forgets", "forgets the cancellation of a goal that has not come yet"),
-    FaultSwitch.flag("both", "a goal that another one replaces has succeeded"),
+    FaultSwitch.flag("both", "a goal that another one replaces is reported as succeeded"),
     FaultSwitch.flag("whole-turn", "continuous joints go where the plan says, whole turns and all"),
 )

@@ -46,7 +46,7 @@ def joints_are_where_they_are(decoded: TrajectoryTraffic) -> Verdict:
         return not_seen("no description came")
     wrong = [s.number for s in decoded.states if not all(map(math.isfinite, s.positions.values()))]
     if wrong:
-        return failed("a position is no number", wrong)
+        return failed("a position is not a number", wrong)
     named = {name for each in decoded.states for name in each.positions}
     odd = [name for name in decoded.described if name not in named]
     return failed(f"they lack {', '.join(odd)}") if odd else passed(f"{len(named)} joints")
@@ -190,7 +190,7 @@ for number, bad, how in (
     (204, "too-few", "that lacks a joint"),
     (205, "unequal", "whose last point lacks a position"),
     (206, "same-time", "with two points at the same time"),
-    (207, "nan", "with a position that is no number"),
+    (207, "nan", "with a position that is not a number"),
 ):
     refusal = "is rejected, or ends as ABORTED with INVALID_GOAL or INVALID_JOINTS; nothing moves."
     requires(number, CHECKED, text=f"A goal {how} {refusal}")(partial(_refused, phase=bad))

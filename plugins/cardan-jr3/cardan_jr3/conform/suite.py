@@ -69,6 +69,8 @@ class Jr3(Suite[Jr3Traffic]):
         name, colon, node = target.partition(":")
         if colon:
             if not node.isdigit() or not 0 < int(node) <= MAX_NODE_ID:
-                raise ConfigurationError("--target", f"{node!r} is no node of 1 to {MAX_NODE_ID}")
+                raise ConfigurationError(
+                    "--target", f"{node!r} is not a node of 1 to {MAX_NODE_ID}"
+                )
             self._node_id = int(node)
         return CanInterface(name)

@@ -197,7 +197,7 @@ class Jr3Core(DeviceCore):
         "late_samples": f"samples older than {STALE_AFTER_S:g} s when they came",
         "overloads": "samples beyond full scale",
         "silences": f"silences of more than {STALE_AFTER_S:g} s",
-        "foreign_frames": "frames that are no data frames with an eleven-bit identifier",
+        "foreign_frames": "frames that are not data frames with an eleven-bit identifier",
         "garbled_frames": "frames that the CAN interface could not read",
         "bus_errors": "error frames: check termination, bit rate and cable",
     }

@@ -128,7 +128,7 @@ class ScriptedJr3(MotionScript[SimulatedJr3]):
     def _overload(self, words: StepWords) -> Action[SimulatedJr3]:
         name = words.left.pop(0).upper() if words.left else ""
         if name not in COMPONENTS:
-            raise words.error(f"{name!r} is no component; usage: {words.usage}")
+            raise words.error(f"{name!r} is not a component; usage: {words.usage}")
         component, over_s = COMPONENTS.index(name), words.over()
 
         def overload(sensor: SimulatedJr3, at_s: float) -> None:

@@ -133,9 +133,9 @@ _OPTION_KEYS: Mapping[str, str] = {
 NOT_TEXT = "that are not UTF-8"
 NOT_JSON = "that are not JSON"
 NO_OBJECT = "that are not a JSON object"
-BAD_VERSION = "with a version that is no number"
+BAD_VERSION = "with a version that is not a number"
 BAD_EVENT = "with an event that cannot be read"
-BAD_HANDS = "with hands that are no list"
+BAD_HANDS = "with hands that are not a list"
 
 
 def path_of(version: int) -> str:

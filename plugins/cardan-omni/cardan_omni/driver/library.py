@@ -185,7 +185,7 @@ class LibHD:
         self._serving: set[int] = set()
         missing = [name for name in SIGNATURES if not hasattr(library, name)]
         if missing:
-            raise DeviceAccessError(f"{path} is no libHD: it has no {', '.join(missing[:3])}")
+            raise DeviceAccessError(f"{path} is not libHD: it has no {', '.join(missing[:3])}")
         for name, (result, arguments) in {**SIGNATURES, **SOMETIMES}.items():
             if not hasattr(library, name):
                 continue
@@ -389,7 +389,7 @@ def load(library: str = "") -> LibHD:
             if named and not only.is_at(named):
                 raise DeviceAccessError(
                     f"this program has loaded {only.path}, and {named} cannot be loaded beside it: "
-                    "start it anew"
+                    "restart it"
                 )
             return only
         path, loaded = _load_named(named, by) if named else _load_any()
@@ -469,7 +469,7 @@ def _load_failure(path: str, words: str) -> str:
             "LD_LIBRARY_PATH before the program starts"
         )
     if "wrong ELF class" in words or "invalid ELF header" in words or "file too short" in words:
-        return f"{path} is no library for this machine ({words})"
+        return f"{path} is not a library for this machine ({words})"
     if found := re.search(r"undefined symbol: (\S+)", words):
         return (
             f"{path} does not fit the device driver that is installed (it lacks {found[1]}): "

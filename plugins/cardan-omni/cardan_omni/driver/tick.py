@@ -30,7 +30,7 @@ _ENABLE, _DISABLE, _PAUSE, _RESUME = range(4)
 _TAKEN, _DROPPED = 0, 1
 _WRONG = {
     2: "a number in it is not finite",
-    3: "a rotation in it is no rotation (orthonormal, determinant +1)",
+    3: "a rotation in it is not a rotation (orthonormal, determinant +1)",
     4: f"it has more than {MAX_FIXTURES} fixtures",
     5: "a plane's normal or a cylinder's axis is not of length 1",
     6: "a length, stiffness, damping, cap or scale in it is negative",

@@ -144,7 +144,7 @@ def _flat(fixture: Fixture) -> tuple[Any, ...]:
         return (4, 0, *fixture.target, *_NO_VECTOR, *IDENTITY3, 0.0, *fixture[1:4])
     if isinstance(fixture, Viscous):
         return (5, 0, *_NO_VECTOR, *_NO_VECTOR, *IDENTITY3, 0.0, 0.0, fixture[1], fixture[0])
-    raise CommandError(f"{fixture!r} is no fixture")
+    raise CommandError(f"{fixture!r} is not a fixture")
 
 
 def pack_command(buffer: bytearray, command: HapticCommand) -> None:

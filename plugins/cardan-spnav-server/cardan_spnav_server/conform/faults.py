@@ -37,7 +37,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("axes", "the device is said to have VALUE axes", 2.0),
     FaultSwitch.flag("string", "pieces of a string are not marked as such"),
     FaultSwitch("type", "the device is said to be of type VALUE", 0x300),
-    FaultSwitch.flag("nan", "the daemon's sensitivity is no number"),
+    FaultSwitch.flag("nan", "the daemon's sensitivity is not a number"),
     FaultSwitch("repeat-interval", "the daemon says that it repeats every VALUE ms", 250.0),
     FaultSwitch.flag("led-unreported", "a change of the LED is reported to no client"),
     FaultSwitch.flag("one-client", "motion goes to the newest connection only"),

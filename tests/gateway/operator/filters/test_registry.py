@@ -56,7 +56,7 @@ def test_a_filter_of_a_plug_in_that_is_not_installed_says_what_installs_it():
 
 @pytest.mark.usefixtures("nothing_installed")
 def test_where_no_filter_is_installed_an_unknown_name_is_answered_with_one_that_can_be():
-    words = "'proximty'; allowed: none, as none is installed; did you mean 'proximity'"
+    words = "'proximty'; allowed: none, because none is installed; did you mean 'proximity'"
     with pytest.raises(ConfigurationError, match=words):
         registry.load("proximty")
 

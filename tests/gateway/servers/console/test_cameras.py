@@ -375,7 +375,7 @@ def test_a_device_gives_its_buffers_in_turn(device):
     ("driver", "why"),
     [
         (Driver(form=int.from_bytes(b"YUYV", "little")), "no MJPEG: serve it by a program"),
-        (Driver(capabilities=video.STREAMING), "no camera"),
+        (Driver(capabilities=video.STREAMING), "not a camera"),
     ],
 )
 def test_a_device_that_gives_none_says_what_to_do(device, driver, why):
@@ -384,7 +384,7 @@ def test_a_device_that_gives_none_says_what_to_do(device, driver, why):
 
 
 def test_what_is_no_device_is_reported_in_words(device, tmp_path):
-    with pytest.raises(OSError, match="no V4L2 device"):
+    with pytest.raises(OSError, match="not a V4L2 device"):
         next(video.pictures(device, lambda: False))
     where = str(tmp_path / "none")
     with pytest.raises(FileNotFoundError):
