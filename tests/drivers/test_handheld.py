@@ -256,7 +256,7 @@ def test_frames_with_numbers_that_are_none_are_counted():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"\0\1\0\0", "cut short"),
+        (b"\0\1\0\0", "malformed"),
         (wrapped(b"", 0.0), "header"),
         (wrapped(b"\xc1" * 64, 0.0), "flags"),
         (wrapped(encode_frame(OperatorFrame(GamepadFrame(0, 0, 0, 0), True)), 0.0), "gamepad"),

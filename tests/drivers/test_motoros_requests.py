@@ -75,7 +75,7 @@ def test_a_reply_nobody_asked_for_is_not_trusted():
         (MalformedMessage("prefix 3"), "prefix 3"),
         (reply(MotionReply(0, 1, COUNT, 0, 0)), "CHECK_QUEUE_CNT"),
         (reply(MotionReply(0, 2, STOP, 0, 0)), "sequence"),
-        (topic(MotionReply(0, 1, STOP, 0, 0)), "communication type"),
+        (topic(MotionReply(0, 1, STOP, 0, 0)), "comm_type"),
         (reply(JointFeedback(0, 2, 0.0, ZEROS, ZEROS, ZEROS)), "JOINT_FEEDBACK"),
         (reply(INFO), "VELOCITY_INFO"),
         (reply(MotionReply(-1, -1, 14, 3, 3003)), "JOINT_TRAJ_PT_FULL"),
