@@ -1,6 +1,9 @@
 """A device on another computer: age of states, button edges, and ownership."""
 
 import math
+import struct
+from collections import Counter
+from random import Random
 
 import pytest
 
@@ -12,6 +15,11 @@ from cardan.drivers.remote.shared import (
     MOST_EDGES,
     STATE_TYPE,
     Claim,
+    Edge,
+    Shared,
+    SharedDecoder,
+    SharedEncoder,
+    UnusableError,
     claim_message,
     read_claim,
     read_shared,
@@ -22,8 +30,11 @@ from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.gateway.bus.sharing import LEASE_S, ShareCore, ShareOptions
 from cardan.gateway.session.assembly import checked_config
 from cardan.gateway.session.cautions import cautions
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.types import (
     NEUTRAL,
+    NEVER_S,
+    Axes,
     ButtonEvent,
     DeviceFeedback,
     DeviceLink,
@@ -429,6 +440,60 @@ def test_all_that_a_device_measures_comes():
     assert bench.core.capabilities == ABLE
     assert bench.core.driver == "spacemouse"
     assert 0.0 <= bench.now_s - bench.state.stamp_s <= 1.2
+
+
+def decoded_alone(data):
+    message = codec_of(STATE_TYPE).decode(data)
+    return message if isinstance(message, MalformedCdr) else read_shared(message)
+
+
+def outcome(decode, data):
+    try:
+        return decode(data)
+    except UnusableError as error:
+        return str(error)
+
+
+def test_a_message_means_the_same_whichever_one_was_before_it():
+    random = Random(1)
+    encoder, decoder = SharedEncoder(), SharedDecoder()
+    shared = Shared(
+        5, 10.0, 7, "cell", 9.9, DeviceState(9.8, DeviceLink.LIVE, NEUTRAL, frozenset())
+    )
+    outcomes = Counter()
+    for step in range(4000):
+        axes = Axes(*(random.choice([0.0, random.uniform(-1.0, 1.0)]) for _ in range(6)))
+        state = shared.state._replace(stamp_s=10.0 + step * 0.008, axes=axes)
+        if random.random() < 0.1:
+            pose = Pose(Vector3(0.1, 0.2, 0.3), Quaternion(1.0, 0.0, 0.0, 0.0))
+            state = state._replace(
+                buttons=frozenset(random.sample(["left", "right", "menu"], random.randrange(3))),
+                pose=random.choice([None, pose]),
+                battery=random.choice([None, 0.5]),
+                link=random.choice(list(DeviceLink)),
+            )
+        shared = shared._replace(
+            sent_s=state.stamp_s + 0.001,
+            asked_s=random.choice([NEVER_S, state.stamp_s]),
+            state=state,
+            capabilities=ABLE if random.random() < 0.2 else None,
+            edges=(Edge(1, 9.0, "left", True),) if random.random() < 0.1 else (),
+        )
+        data = encoder.encode(shared)
+        assert data == codec_of(STATE_TYPE).encode(shared_message(shared))
+        if random.random() < 0.3:
+            changed = bytearray(data)
+            begin = random.randrange(len(data) - 8)
+            changed[begin : begin + 8] = random.choice(
+                [bytes(8), b"\xff" * 8, struct.pack("<d", 2.0), random.randbytes(8)]
+            )
+            data = bytes(changed)[: random.choice([len(data), len(data) - 8])]
+        found = outcome(decoder.decode, data)
+        assert found == outcome(decoded_alone, data)
+        outcomes[type(found)] += 1
+    assert outcomes[Shared] > 2000
+    assert outcomes[str] > 100
+    assert outcomes[MalformedCdr] > 100
 
 
 def test_force_is_not_passed_back():

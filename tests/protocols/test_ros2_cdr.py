@@ -329,6 +329,22 @@ def test_a_template_reaches_into_arrays_of_messages():
     assert second["transform"]["translation"] == {"x": 1.0, "y": 2.0, "z": 3.0}
 
 
+def test_numbers_are_read_from_messages_that_are_otherwise_the_same():
+    message = default_message(POSE) | {
+        "header": {"stamp": {"sec": 7, "nanosec": 8}, "frame_id": "x"}
+    }
+    template = Template(POSE, message)
+    read = template.reader("pose.orientation", "header.stamp.sec")
+    template.slot("header.stamp.sec")(9)
+    template.slot("pose.orientation")(1, 2, 3, 4)
+    assert read(bytes(template.data)) == (9, 1.0, 2.0, 3.0, 4.0)
+    template.slot("header.stamp.nanosec")(10)
+    assert read(bytes(template.data)) is None
+    longer = codec_of(POSE).encode(message | {"header": message["header"] | {"frame_id": "xyz12"}})
+    assert read(longer) is None
+    assert read(longer[:20]) is None
+
+
 @pytest.mark.parametrize("path", ["nothing", "header.frame_id", "header", ""])
 def test_a_template_has_slots_of_numbers_only(path):
     with pytest.raises(KeyError, match="number"):

@@ -41,7 +41,6 @@ from cardan.protocols.handheld.motion import (
     pitched,
 )
 from cardan.protocols.handheld.orientation import from_angles, orientation_from_xr, position_from_xr
-from cardan.protocols.ros2.cdr import Message
 from cardan.spatial import add, rotate, scale, subtract
 from cardan.types import (
     NEUTRAL,
@@ -147,7 +146,9 @@ class HandheldCore(BusCore):
 
     # -- frames --------------------------------------------------------------------------------
 
-    def _on_message(self, message: Message, now_s: float) -> None:
+    def _on_data(self, data: bytes, now_s: float) -> None:
+        if (message := self._decoded(data)) is None:
+            return
         age_s = message["age"]
         if not 0.0 <= age_s <= OLDEST_S:
             self._on_malformed("with an age that is out of range", -1)

@@ -32,11 +32,11 @@ from cardan.drivers.remote.shared import (
     HapticFeedback,
     RemoteHapticCommand,
     Shared,
+    SharedDecoder,
     UnusableError,
-    read_shared,
 )
 from cardan.drivers.ros2_nodes import BusCore
-from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.cdr import MalformedCdr
 from cardan.types import (
     NEUTRAL,
     NEVER_S,
@@ -91,6 +91,7 @@ class RemoteCore(BusCore):
         super().__init__()
         self._options = options
         self._lessee, self._name = lessee, name
+        self._decoder = SharedDecoder()
         self._run = 0
         self._asked: deque[float] = deque(maxlen=MAX_ECHOES)
         self._claimed_s = NEVER_S
@@ -159,11 +160,14 @@ class RemoteCore(BusCore):
     def _on_other_sender(self) -> None:
         self._forget_device()
 
-    def _on_message(self, message: Message, now_s: float) -> None:
+    def _on_data(self, data: bytes, now_s: float) -> None:
         try:
-            shared = read_shared(message)
+            shared = self._decoder.decode(data)
         except UnusableError as error:
             self._on_malformed(str(error), -1)
+            return
+        if isinstance(shared, MalformedCdr):
+            self._on_malformed("that are malformed", -1)
             return
         if shared.run != self._run:
             self._run = shared.run

@@ -9,7 +9,7 @@ each by its sender's clock.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any, NamedTuple, get_args, get_type_hints
 
@@ -23,7 +23,7 @@ from cardan.common.haptics import (
     OperatingState,
     WorldMap,
 )
-from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, Template, codec_of
 from cardan.spatial import normalized
 from cardan.types import (
     NEUTRAL,
@@ -194,13 +194,78 @@ def shared_message(shared: Shared) -> Message:
     }
 
 
+_MOTION = ("sent", "asked", "report", "axes")
+"""Fields that change from message to message while an operator only deflects the device."""
+
+
+def _only_deflects(shared: Shared) -> bool:
+    state = shared.state
+    return not (
+        shared.edges
+        or shared.capabilities
+        or shared.haptic_feedback
+        or state.pose
+        or state.wrench
+        or state.inertia
+    )
+
+
+class SharedEncoder:
+    """Encoder of cardan_msgs/SharedDevice. Of messages that differ in their times and axes only, it
+    overwrites these."""
+
+    def __init__(self) -> None:
+        self._rest: Shared | None = None
+        self._template: Template | None = None
+
+    def encode(self, shared: Shared) -> bytes:
+        """Encode a message."""
+        if not _only_deflects(shared):
+            return codec_of(STATE_TYPE).encode(shared_message(shared))
+        state = shared.state
+        rest = shared._replace(
+            sent_s=0.0, asked_s=0.0, state=state._replace(stamp_s=0.0, axes=NEUTRAL)
+        )
+        template = self._template
+        if template is None or rest != self._rest:
+            template = Template(STATE_TYPE, shared_message(shared))
+            self._rest, self._template = rest, template
+        else:
+            template.slot("sent")(shared.sent_s)
+            template.slot("asked")(shared.asked_s)
+            template.slot("report")(state.stamp_s)
+            template.slot("axes")(*state.axes)
+        return bytes(template.data)
+
+
+class SharedDecoder:
+    """Decoder of cardan_msgs/SharedDevice. Of messages that differ in their times and axes only, it
+    reads these."""
+
+    def __init__(self) -> None:
+        self._last: Shared | None = None
+        self._numbers: Callable[[bytes], tuple[float, ...] | None] = lambda _data: None
+
+    def decode(self, data: bytes) -> Shared | MalformedCdr:
+        """Decode a message. Raises UnusableError."""
+        if (last := self._last) is not None and (numbers := self._numbers(data)) is not None:
+            sent_s, asked_s, report_s, *axes = numbers
+            sent_s, asked_s, report_s = _times(sent_s, asked_s, report_s)
+            state = last.state._replace(stamp_s=report_s, axes=_axes(axes))
+            return last._replace(sent_s=sent_s, asked_s=asked_s, state=state)
+        message = codec_of(STATE_TYPE).decode(data)
+        if isinstance(message, MalformedCdr):
+            return message
+        shared = read_shared(message)
+        if _only_deflects(shared):
+            self._last, self._numbers = shared, Template(STATE_TYPE, message).reader(*_MOTION)
+        return shared
+
+
 def read_shared(message: Message) -> Shared:
     """Decode a cardan_msgs/SharedDevice. Raises UnusableError."""
     _check_version(message)
-    sent_s = _time(message["sent"], "sent")
-    report_s = NEVER_S if message["report"] == NEVER_S else _time(message["report"], "report")
-    if report_s > sent_s:
-        raise UnusableError("with a report that is newer than they are")
+    sent_s, asked_s, report_s = _times(message["sent"], message["asked"], message["report"])
     try:
         link = DeviceLink(message["link"])
     except ValueError:
@@ -219,13 +284,12 @@ def read_shared(message: Message) -> Shared:
         Inertia(*inertia) if inertia else None,
     )
     able = _at_most_one(message["abilities"], "abilities")
-    asked_s = message["asked"]
     return Shared(
         message["run"],
         sent_s,
         message["lessee"],
         message["lessee_name"][:MOST_TEXT],
-        NEVER_S if asked_s == NEVER_S else _time(asked_s, "asked"),
+        asked_s,
         state,
         _edges(message["edges"], sent_s),
         "" if able is None else able["driver"][:MOST_TEXT],
@@ -427,6 +491,15 @@ def _time(value: float, what: str) -> float:
     if not math.isfinite(value):
         raise UnusableError(f"with an invalid time {what}")
     return value
+
+
+def _times(sent_s: float, asked_s: float, report_s: float) -> tuple[float, float, float]:
+    _time(sent_s, "sent")
+    if report_s != NEVER_S and _time(report_s, "report") > sent_s:
+        raise UnusableError("with a report that is newer than they are")
+    if asked_s != NEVER_S:
+        _time(asked_s, "asked")
+    return sent_s, asked_s, report_s
 
 
 def _share(value: float, what: str) -> float:

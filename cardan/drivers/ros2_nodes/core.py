@@ -87,15 +87,18 @@ class BusCore(DeviceCore):
         if len(received.data) > MOST_BYTES:
             self._on_malformed(f"of more than {MOST_BYTES} bytes", -1)
             return
-        message = self._codec.decode(received.data)
-        if isinstance(message, MalformedCdr):
-            self._on_malformed("that are malformed", -1)
-            return
-        self._on_message(message, now_s)
+        self._on_data(received.data, now_s)
 
     @abstractmethod
-    def _on_message(self, message: Message, now_s: float) -> None:
+    def _on_data(self, data: bytes, now_s: float) -> None:
         """Process a new message of the sender that counts."""
+
+    def _decoded(self, data: bytes) -> Message | None:
+        message = self._codec.decode(data)
+        if isinstance(message, MalformedCdr):
+            self._on_malformed("that are malformed", -1)
+            return None
+        return message
 
     def _is_next(self, received: Received) -> bool:
         """True for a new message of the node that counts."""
@@ -150,7 +153,9 @@ class JoyCore(BusCore):
     def _on_other_sender(self) -> None:
         self._touched, self._first = False, None
 
-    def _on_message(self, message: Message, now_s: float) -> None:
+    def _on_data(self, data: bytes, now_s: float) -> None:
+        if (message := self._decoded(data)) is None:
+            return
         given, buttons = message["axes"], message["buttons"]
         scale = self._options.full_scale
         if not all(abs(value) <= LARGEST for value in given):

@@ -37,10 +37,10 @@ from cardan.drivers.remote.shared import (
     HapticFeedback,
     RemoteHapticCommand,
     Shared,
+    SharedEncoder,
     UnusableError,
     claim_topic,
     read_claim,
-    shared_message,
     state_topic,
 )
 from cardan.drivers.ros2_nodes.core import MOST_BYTES
@@ -558,7 +558,7 @@ def share_until(
         tls = TlsWatch(partial(tls_obstacle, zenoh_config(options.bus)))
         look_s = time.monotonic()
         stack.callback(keep_processors_awake, awake=False)
-        codec = codec_of(STATE_TYPE)
+        encoder = SharedEncoder()
         force_end = DeviceEnd(device) if isinstance(device, HapticDevice) else None
         turn = threading.Lock()
         due_s = math.inf
@@ -569,7 +569,7 @@ def share_until(
             haptic_feedback = None if force_end is None else force_end.haptic_feedback
             shared = core.offer(state, edges, device.capabilities, now_s, haptic_feedback)
             if shared is not None:
-                publisher.put(codec.encode(shared_message(shared)), time.time_ns())
+                publisher.put(encoder.encode(shared), time.time_ns())
             return state
 
         def on_state(_state: DeviceState) -> None:

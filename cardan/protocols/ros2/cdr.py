@@ -14,6 +14,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 from cardan.protocols.ros2.interfaces import DUMMY_MEMBER, Field, message_type, revised
@@ -30,6 +31,7 @@ _CODES = {
 }  # fmt: skip
 _SIZES = {code: struct.calcsize(f"<{code}") for code in _CODES.values()}
 _PADDING = (b"", *(bytes(count) for count in range(1, 8)))
+_EMPTY = struct.Struct("")
 _LENGTH = {order: struct.Struct(f"{order}I") for order in "<>"}
 
 
@@ -397,8 +399,36 @@ class Template:
         """Return a function that overwrites all numbers at `path` in wire order: of a field
         ("header.stamp.sec"), an array of numbers ("position"), or a message of numbers only
         ("pose", "transforms.0.transform"). Raises KeyError if there are no numbers."""
-        if path in self._slots:
-            return self._slots[path]
+        if path not in self._slots:
+            begin, form = self._numbers(path)
+            self._slots[path] = partial(form.pack_into, self.data, begin)
+        return self._slots[path]
+
+    def reader(self, *paths: str) -> Callable[[bytes], tuple[float, ...] | None]:
+        """Return a function that reads the numbers at `paths`, in wire order, from a message that
+        equals this one otherwise; it returns None for any other. Raises KeyError as `slot` does."""
+        places = sorted(map(self._numbers, paths), key=itemgetter(0))
+        whole, position = bytes(self.data), 0
+        same: list[tuple[slice, bytes]] = []
+        for begin, form in (*places, (len(whole), _EMPTY)):
+            same.append((slice(position, begin), whole[position:begin]))
+            position = begin + form.size
+
+        def read(data: bytes) -> tuple[float, ...] | None:
+            if len(data) != len(whole):
+                return None
+            for part, content in same:
+                if data[part] != content:
+                    return None
+            values: tuple[float, ...] = ()
+            for begin, form in places:
+                values += form.unpack_from(data, begin)
+            return values
+
+        return read
+
+    def _numbers(self, path: str) -> tuple[int, struct.Struct]:
+        """Return the position and format of the numbers at `path`. Raises KeyError."""
         places = [
             place
             for name, place in self._places.items()
@@ -413,9 +443,7 @@ class Template:
         last, last_codes = places[-1]
         if begin + form.size != last + len(last_codes) * _SIZES[last_codes[0]]:
             raise KeyError(f"there is more than numbers at {path}")
-        slot = partial(form.pack_into, self.data, len(ENCAPSULATION) + begin)
-        self._slots[path] = slot
-        return slot
+        return len(ENCAPSULATION) + begin, form
 
 
 def _find_places(
