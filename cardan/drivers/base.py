@@ -249,15 +249,9 @@ class OperatorDevice(Driver):
         once more after the returned function.
         """
         require(callable(callback), "callback", callback, "a function that takes a state")
-        if not own_thread:
-            call_at_once: Callable[[], object] = lambda: callback(self.state())  # noqa: E731
-            self._direct = (*self._direct, call_at_once)
-
-            def end() -> None:
-                self._direct = tuple(each for each in self._direct if each is not call_at_once)
-
-            return end
         reader = _StateReader(self)
+        if not own_thread:
+            return self._call_directly(callback, reader)
 
         def call() -> None:
             while (state := reader.next()) is not None:
@@ -273,6 +267,21 @@ class OperatorDevice(Driver):
             if threading.current_thread() is not thread:
                 thread.join()
 
+        return stop
+
+    def _call_directly(
+        self, callback: Callable[[DeviceState], object], reader: _StateReader
+    ) -> Callable[[], None]:
+        def call() -> None:
+            if not reader.ended:
+                callback(self.state())
+
+        def stop() -> None:
+            reader.stopped = True
+            self._direct = tuple(each for each in self._direct if each is not call)
+
+        self._direct = (*self._direct, call)
+        call()
         return stop
 
     def _notify(self) -> None:

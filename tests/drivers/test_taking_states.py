@@ -159,7 +159,8 @@ def test_it_can_be_read_again_after_it_was_opened_again(hand):
 
 def test_a_device_that_was_never_opened_has_nothing_to_read():
     hand = Hand()
-    for call in (hand.read, lambda: next(iter(hand)), lambda: hand.on_state(print)):
+    at_once = lambda: hand.on_state(print, own_thread=False)  # noqa: E731
+    for call in (hand.read, lambda: next(iter(hand)), lambda: hand.on_state(print), at_once):
         with pytest.raises(NotOpenError):
             call()
 
@@ -209,6 +210,30 @@ def test_a_callback_is_called_in_a_thread_of_its_own(hand):
     assert thread is not threading.current_thread()
     assert not thread.is_alive()
     stop()
+
+
+def test_a_callback_is_called_in_the_drivers_thread_on_request(hand):
+    calls = []
+    stop = hand.on_state(
+        lambda state: calls.append((state.axes.x, threading.current_thread())), own_thread=False
+    )
+    driver = threading.Thread(target=hand.move, args=(1.0,))
+    driver.start()
+    driver.join()
+    assert calls == [(0.0, threading.current_thread()), (1.0, driver)]
+    stop()
+    hand.move(2.0)
+    assert len(calls) == 2
+    stop()
+
+
+def test_calls_in_the_drivers_thread_end_when_the_device_is_closed(hand):
+    calls = []
+    hand.on_state(calls.append, own_thread=False)
+    hand.close()
+    hand.open()
+    hand.move(1.0)
+    assert len(calls) == 1
 
 
 def test_a_slow_callback_holds_up_nobody_and_gets_the_newest_state(hand):
