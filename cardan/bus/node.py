@@ -70,6 +70,9 @@ RETRY_MS = 200, 2000
 CALL_TIMEOUT_S = 5.0
 """Longest wait for a service's reply, unless the caller sets another."""
 
+AT_ONCE_S = 1e-3
+"""Shortest time between messages of which the second is processed in Zenoh's thread, too."""
+
 TX_BATCHES = 16
 """Number of 64 kB batches that wait for a link, the largest that Zenoh allows: with its default of
 two, a link that stalls for 40 ms loses messages of a session that is recorded."""
@@ -229,12 +232,14 @@ class WaitingSubscription:
     """
 
     handler: Callable[[Received], object] | None = None
-    """Takes messages in Zenoh's thread, without the delay of another one; then they are not queued,
-    and end a wait. It must be quick and not raise."""
+    """Takes a message in Zenoh's thread, without the delay of the waiting one, whose wait ends
+    without it. It must be quick and not raise. Messages that follow another one within AT_ONCE_S
+    are queued as ever: a flood costs Zenoh's thread some µs each, and its newest ones count."""
 
     def __init__(self, node: BusNode, entity: Entity, key: str, depth: int) -> None:
         self.entity = entity
         self._inbox: Inbox[Any] = Inbox(max(1, depth))
+        self._heard_s = 0.0
         # Not indirect: one thread less to wake.
         handler = zenoh_module().handlers.Callback(self._hear, indirect=False)
         self._subscriber = node.declare_subscriber(key, handler, entity.qos)
@@ -242,7 +247,9 @@ class WaitingSubscription:
 
     def _hear(self, sample: Any) -> None:
         """Keep the newest messages; runs in a thread of Zenoh."""
-        if (handler := self.handler) is not None:
+        heard_s, self._heard_s = self._heard_s, time.monotonic()
+        handler = self.handler
+        if handler is not None and self._heard_s >= heard_s + AT_ONCE_S and not self._inbox:
             handler(_received(sample))
             sample = None
         self._inbox.put(sample)

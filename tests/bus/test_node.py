@@ -7,13 +7,14 @@ import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
 from cardan.bus.network import Failure, NetworkError  # noqa: E402
-from cardan.bus.node import LEASE_MS, BusNode  # noqa: E402
+from cardan.bus.node import AT_ONCE_S, LEASE_MS, BusNode  # noqa: E402
 from cardan.bus.options import BusOptions  # noqa: E402
 from cardan.bus.zenoh_network import BusNetwork  # noqa: E402
 from cardan.errors import ConfigurationError, DriverError  # noqa: E402
@@ -131,6 +132,45 @@ def test_what_need_not_arrive_is_said_to_zenoh_and_on_the_graph_and_nothing_else
         assert (received.data, received.attachment.sequence) == (text(words), number)
     newest.close()
     retained.put_reliably(text("the same"), 3)
+
+
+class Sample:
+    """Zenoh's sample of a message without an attachment."""
+
+    key_expr, attachment, timestamp = "key", None, None
+
+    def __init__(self, number):
+        self.payload = self
+        self.number = number
+
+    def to_bytes(self):
+        return text(str(self.number))
+
+
+@pytest.mark.real
+def test_a_handler_takes_single_messages_at_once_and_a_flood_is_queued(bus, monkeypatch):
+    robot, _ = bus
+    depth, now_s = 4, 10.0
+    monkeypatch.setattr("cardan.bus.node.time", SimpleNamespace(monotonic=lambda: now_s))
+    heard = robot.waiting_subscription("~/command", STRING, depth)
+    handled = []
+    heard._hear(Sample("before"))
+    heard.handler = lambda received: handled.append(received.data)
+    now_s += AT_ONCE_S
+    heard._hear(Sample("second"))
+    assert handled == []  # It does not overtake the one before.
+    assert [heard.poll().data for _ in range(2)] == [text("before"), text("second")]
+    for number in range(1000):
+        now_s += 0.1 * AT_ONCE_S
+        heard._hear(Sample(number))
+    assert handled == []
+    queued = [heard.poll() for _ in range(depth)]
+    assert [each.data for each in queued] == [text(str(996 + number)) for number in range(depth)]
+    now_s += AT_ONCE_S
+    heard._hear(Sample("at once"))
+    assert handled == [text("at once")]
+    assert heard.wait(WITHIN_S) is None  # Its reader is woken without it.
+    assert len(heard._inbox) == 0
 
 
 def test_a_ring_keeps_the_newest(bus):
