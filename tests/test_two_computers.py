@@ -358,7 +358,7 @@ def zenoh_file(folder, mode, endpoints, files):
     side, owner = ("listen", "robot") if router else ("connect", "operator")
     settings = zenoh_settings(mode, *((endpoints, ()) if router else ((), endpoints)))
     pems = [files[name].read_bytes() for name in ("authority", owner, f"{owner}-key")]
-    with pairing._retained(folder, side, settings, *pems):
+    with pairing._stored(folder, side, settings, *pems):
         pass
     return folder / pairing.CONFIG
 

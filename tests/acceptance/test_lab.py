@@ -158,4 +158,4 @@ def test_the_whole_of_it():
     assert "reload: ur5-a mapping.linear_speed_m_s: 0.1 -> 0.08" in said
     assert "stood until the dead-man was pressed" in said
     assert "came back disarmed" in said
-    assert re.search(r"ur5-b: \d+ mm by hand and verbs", said)
+    assert re.search(r"ur5-b: \d+ mm by device and verbs", said)
