@@ -287,7 +287,7 @@ def _connect(peer: socket.socket, path: str, timeout_s: float | None) -> None:
             peer.connect(path)
         except BlockingIOError:
             if time.monotonic() >= end_s:
-                raise TimeoutError(errno.ETIMEDOUT, "too many programs wait there") from None
+                raise TimeoutError(errno.ETIMEDOUT, "too many connections wait there") from None
             time.sleep(QUEUE_LOOK_S)
         else:
             return

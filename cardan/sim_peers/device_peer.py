@@ -40,7 +40,7 @@ class DevicePeerOptions(Options):
 class DeviceNodeOptions(DevicePeerOptions):
     """Options of a device that programs open at a path: a socket, or a serial port."""
 
-    everybody: bool = option(False, "Let every user of this machine open it, not its owner alone.")
+    everybody: bool = option(False, "Let every user of this machine open it, not only its owner.")
     """Mode 0666 of the socket or port instead of 0600, whatever the umask."""
 
     @property

@@ -149,7 +149,7 @@ def test_a_record_that_is_of_something_else_is_not_judged(tmp_path):
         captured(found, path, "192.0.2.1")
     of_a_session = RecordWriter(tmp_path / "session.mcap")
     of_a_session.finish()
-    with pytest.raises(CaptureError, match=r"no bytes of a wire: only a record\.mcap of --save"):
+    with pytest.raises(CaptureError, match=r"no recorded traffic: only a record\.mcap of --save"):
         captured(found, tmp_path / "session.mcap")
 
 

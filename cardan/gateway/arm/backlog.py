@@ -41,14 +41,14 @@ def is_stale(name: str, waited_s: float) -> bool:
 
 def stale_words(name: str, waited_s: float) -> str:
     """Return why a stale call or goal is refused."""
-    return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
+    return f"{name}: it waited here for up to {waited_s:.1f} s; commands that old are not executed"
 
 
 def late_words(waited_s: float) -> str:
     """Return why a streamed command that waited for longer than STREAMED_S is refused."""
     return (
-        f"it waited for {waited_s:.2f} s on its way; more than {STREAMED_S:g} s is too late to act "
-        "on"
+        f"it waited for {waited_s:.2f} s on its way; commands older than "
+        f"{STREAMED_S:g} s are not executed"
     )
 
 
@@ -142,7 +142,7 @@ class Delays:
         return waited_s
 
     def late(self, owner: Hashable) -> str:
-        """Return why the newest command of a sender is too late to act on; empty if it is not."""
+        """Return why the newest command of a sender is too old to execute; empty if it is not."""
         known = self._quickest.get(owner)
         if known is None:
             return ""

@@ -228,7 +228,7 @@ class ShareCore:
                 and (claim.lessee, owner) == (ended.lessee, self._ended_owner)
                 and claim.asked_s <= ended.asked_s
             ):
-                self.counts["claims that came twice or late"] += 1
+                self.counts["duplicate or late claims"] += 1
                 return False
             self._edges.clear()
             self._leases += 1
@@ -236,7 +236,7 @@ class ShareCore:
             self.counts["claims while another session has it"] += 1
             return True
         elif claim.asked_s <= known.asked_s:
-            self.counts["claims that came twice or late"] += 1
+            self.counts["duplicate or late claims"] += 1
             return False
         if not claim.wanted:
             self._claim = claim
@@ -334,7 +334,7 @@ class ShareCore:
             if now_s >= self._settled_s:
                 self._before_s = self._offered_s
             self._settled_s = now_s + SETTLE_S
-            self._still = f"`cardan devices share` stood still for {now_s - self._offered_s:.1f} s"
+            self._still = f"`cardan devices share` stalled for {now_s - self._offered_s:.1f} s"
         if now_s >= self._settled_s:
             return state, edges
         if state.link is not DeviceLink.LOST:

@@ -238,7 +238,7 @@ class ControlServer:
             connection.open = False
             return
         if connection.backlog.lasts(now_s - connection.since_s, now_s):
-            _log.warning("a program that sends more than can be handled is let go")
+            _log.warning("a program that sends more than can be handled is disconnected")
             connection.tell(Response(None, "error", BACKLOGGED))
             connection.open = False
             return

@@ -449,7 +449,9 @@ class RosbridgeClient:
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         if not task.cancelled() and (fault := task.exception()) is not None:
-            _log.error("%s: an answer met with a fault of this server", self.peer, exc_info=fault)
+            _log.error(
+                "%s: answer failed: internal error of this server", self.peer, exc_info=fault
+            )
 
     # -- actions ---------------------------------------------------------------------------------
 

@@ -414,7 +414,7 @@ class RequestWorker:
 def _late(late_s: float) -> str:
     if late_s == math.inf:
         return "it came before the session had begun"
-    return f"the session stood still for {late_s:.1f} s when it came"
+    return f"the session stalled for {late_s:.1f} s when it came"
 
 
 def _note(number: int, motion: Motion) -> MotionNote:

@@ -262,7 +262,7 @@ def supervise(
             process.stop()
         outcome = process.follow(take, poll, shown)
     for number in signals:
-        _log.info("told to end by %s", signal_name(number))
+        _log.info("ending on %s", signal_name(number))
     return outcome
 
 

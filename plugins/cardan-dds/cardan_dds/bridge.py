@@ -191,7 +191,7 @@ class Bridge:
     def _stood_still(self, seconds: float) -> None:
         self._stale_until_s = time.monotonic() + HANDED_ON_S
         _log.warning(
-            "this bridge stood still for %.1f s: what came from DDS meanwhile is not acted on",
+            "this bridge stalled for %.1f s: messages that came from DDS meanwhile are dropped",
             seconds,
         )
 
@@ -296,7 +296,10 @@ class Bridge:
         client = self._clients.get((participant, node))
         if client is None:
             if len(self._clients) >= MOST_CLIENTS:
-                self._say(f"more than {MOST_CLIENTS} nodes on DDS send: of others nothing comes")
+                self._say(
+                    f"more than {MOST_CLIENTS} nodes on DDS send: messages of further nodes are "
+                    "dropped"
+                )
                 return None
             try:
                 namespace, _, name = checked_name(node).rpartition("/")

@@ -259,7 +259,7 @@ def test_a_motion_that_was_asked_for_while_the_session_stood_still_is_not_begun(
     bench.ask(1, verb, POSE)
     number, error = bench.heard(verb)
     assert (number, type(error)) == (1, MotionRefusedError)
-    assert f"stood still for {1.5 * LATE_S:.1f} s" in str(error)
+    assert f"stalled for {1.5 * LATE_S:.1f} s" in str(error)
     assert bench.verbs.began == []
     bench.now_s += 0.5 * LATE_S
     bench.worker.turn(bench.now_s)
@@ -302,7 +302,7 @@ def test_what_waited_before_it_came_to_the_session_counts(bench, verb):
         request = Request(number, "a", verb, POSE, since_s=bench.now_s - waited_s)
         bench.offer(encode_request(request))
         answer = str(bench.heard(verb))
-        assert ("it waited" in answer or "stood still" in answer) is (number == 1)
+        assert ("it waited" in answer or "stalled" in answer) is (number == 1)
     assert len(bench.verbs.streamed) + len(bench.verbs.began) == 1
 
 

@@ -225,7 +225,7 @@ def buttons_are_reported(decoded: SpnavTraffic) -> Verdict:
     up = {edge.number for _, edge in decoded.buttons(OLD, "release") if not edge.pressed}
     if not down:
         return failed("pressing was not reported")
-    return passed("pressed and let go") if down <= up else failed("letting go was not reported")
+    return passed("pressed and let go") if down <= up else failed("the release was not reported")
 
 
 @requires(13, f"{PROTOCOL}: events 1 and 2")
