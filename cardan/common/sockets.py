@@ -241,8 +241,8 @@ class UnixSocket:
             raise AddressError(problem) from None
 
     def close(self) -> None:
-        """Close it and remove its path, unless another program has replaced it. Never raises; twice
-        is fine."""
+        """Close it and remove its path, unless another program has replaced it. Never raises;
+        idempotent."""
         self.sock.close()
         with contextlib.suppress(OSError):
             if self._identity is not None and _identity(self.path) == self._identity:

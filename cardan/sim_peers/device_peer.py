@@ -189,4 +189,4 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
 
     def _follow(self, now_s: float) -> None:
         """React to the device's condition after it was played until `now_s`."""
-        self.backend.attend(now_s)
+        self.backend.run_due(now_s)

@@ -127,7 +127,7 @@ def results(report):
 def test_a_kept_record_is_judged_as_its_run_was(suite, level, fault, tmp_path):
     found = registry.load(suite)
     report, timeline = simulated(found, level, fault, seconds=1.0)
-    timeline.was_late(0.25)
+    timeline.record_lateness(0.25)
     save(tmp_path, found, report, timeline)
     again, read = captured(found, tmp_path / "record.mcap")
     assert [e._replace(time_s=0.0) for e in read] == [

@@ -237,12 +237,12 @@ def the_battery_is_not_empty(decoded: ConnexionTraffic) -> Findings:
 
 
 @requires(17, "the system's HID driver")
-def it_stays(decoded: ConnexionTraffic) -> Verdict:
-    """The device does not go while it is used."""
+def stays_connected(decoded: ConnexionTraffic) -> Verdict:
+    """The device stays connected while it is used."""
     phase = decoded.phase("unplug")
     wrong = [index for index in decoded.lost if phase is None or index < phase.first]
     some(not decoded.refused, "it was never opened")
-    return failed("it went", wrong) if wrong else passed("it stayed")
+    return failed("it disconnected", wrong) if wrong else passed("connected all the time")
 
 
 @requires(18, "cardan.dissect: a second description of the protocol")

@@ -67,7 +67,7 @@ ANSWERS: Over[EgmTraffic, SensorDatagram] = Over(lambda decoded: decoded.answers
 
 
 class Pair(NamedTuple):
-    """A datagram of ours, and the answers before the next one."""
+    """A datagram of the suite, and the answers before the next one."""
 
     robot: Robot
     answers: list[SensorDatagram]
@@ -131,7 +131,7 @@ def answers_have_their_type(answer: SensorDatagram) -> str:
 
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
 def answers_count_up_by_one(decoded: EgmTraffic) -> Findings:
-    """seqno goes up by one from message to message; it may begin anew with a run."""
+    """seqno goes up by one from message to message; it may restart with a run."""
     for one, other in _neighbors(decoded):
         a, b = one.message.header, other.message.header
         if a is None or b is None or a.seqno is None or b.seqno is None:

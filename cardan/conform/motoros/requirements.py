@@ -263,7 +263,7 @@ def _refused(decoded: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
 
 @requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
 def unknown_types_are_refused(decoded: MotorosTraffic) -> Verdict:
-    """A type that nobody knows is answered INVALID with 3003."""
+    """An unknown type is answered INVALID with 3003."""
     return _refused(decoded, UNKNOWN_TYPE, codes.InvalidSubcode.MSGTYPE)
 
 

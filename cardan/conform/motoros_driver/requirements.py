@@ -357,7 +357,7 @@ def _with_next(decoded: DriverTraffic, result: R) -> list[tuple[Said, Said | Non
 
 @requires(126, f"{SERVER}: BUSY, the point is not taken; {CLIENT}: the same is sent again")
 def a_busy_point_is_sent_again(decoded: DriverTraffic) -> Findings:
-    """A point that is answered BUSY is the next one that is sent, unless motion begins anew."""
+    """A point that is answered BUSY is the next one that is sent, unless motion is restarted."""
     busy = _with_next(decoded, R.BUSY)
     some(busy or not decoded.points, "no point was answered BUSY")
     for each, after in busy:

@@ -485,7 +485,7 @@ def deserted_in_motion_it_stops(decoded: UrTraffic) -> Verdict:
 
 @requires(207, f"{SCRIPT}: servoj; a restarted program begins where the arm is", unless=_unmoved)
 def it_comes_back(decoded: UrTraffic) -> Verdict:
-    """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
+    """Restarted, the program takes the joint back to where it was, to a tenth of the step."""
     there, back = decoded.during("out"), decoded.during("back")
     some(decoded.sent_during("back") and back, _NONE_FOLLOWED)
     left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
@@ -602,7 +602,7 @@ def runtime_exceptions_are_reported(decoded: UrTraffic) -> Verdict:
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")
 def programs_open_sockets(decoded: UrTraffic) -> Verdict:
-    """A program opens a socket to a port of ours, sends a line, and hears what is answered."""
+    """A program opens a socket to a port of the suite, sends a line, and receives the answer."""
     found = _begun(decoded, "call", CALLS)
     came = any(event.kind is Kind.OPENED for _, event in decoded.called)
     must(came, "it did not come", [found.number])

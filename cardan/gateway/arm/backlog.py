@@ -115,7 +115,7 @@ class Delays:
         command, s; 0 for a first. `retained`: a sender that is not dropped in favor of others."""
         known = self._quickest.pop(owner, None)
         if known is None or now_s - known.heard_s > FORGOTTEN_S:
-            # Between a program without a name, which is this one, and the arm there is no queue.
+            # No owner means this program, which has no queue between itself and the arm.
             unproven_s = now_s if owner else math.inf
             known = _Quickest(now_s, math.inf, math.inf, now_s, unproven_s, (stamp_s, now_s))
         began_s, quickest_s, before_s, heard_s, unproven_s, anchor, _ = known

@@ -367,7 +367,7 @@ class ArmServer:
             action.tell(now, now_ns)
 
     def offer(self, client: Any, packet: Any) -> None:
-        """Pass on a client's further work. From any thread."""
+        """Queue another packet of a client. From any thread."""
         self._offer(client, packet, self.now_s)
 
     def key_end(self, type_name: str) -> str:

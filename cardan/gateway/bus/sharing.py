@@ -330,7 +330,7 @@ class ShareCore:
         """Return state and edges; with input from a pause of this process, the device as lost and
         edges as old."""
         if now_s - self._next_s > STOOD_STILL_S:
-            # If it stood still again meanwhile, input may be from the first time.
+            # If it stalled again meanwhile, input may be from the first time.
             if now_s >= self._settled_s:
                 self._before_s = self._offered_s
             self._settled_s = now_s + SETTLE_S
@@ -400,7 +400,7 @@ class DeviceEnd:
     ) -> None:
         """Render `order`, received at `heard_s` in the `lease` of this number; None: nothing. Never
         raises."""
-        if lease != self._lease:  # The one before may have ended while this process stood still.
+        if lease != self._lease:  # The one before may have ended while this process stalled.
             self._lease = lease
             self.end(now_s)
         if now_s < self._cycled_s + FORCE_S:

@@ -355,7 +355,7 @@ class Daemon:
         )
 
     def _leave(self, server: ControlServer) -> None:
-        """End all processes in good order; requests are answered meanwhile."""
+        """Shut down all processes; requests are answered meanwhile."""
         self._notifier.stopping()
         now_s = time.monotonic()
         give_up_s = now_s + ENDS_WITHIN_S

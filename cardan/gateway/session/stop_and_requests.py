@@ -152,7 +152,7 @@ class _Job:
 class RequestWorker:
     """Answers the requests of all clients of a session.
 
-    `offer` and `attend` are for the loop's thread; neither blocks. The loop attends `link` once
+    `offer` and `run_due` are for the loop's thread; neither blocks. The loop runs `link` once
     `busy`.
     """
 
@@ -220,10 +220,10 @@ class RequestWorker:
                 thread.start()
         self._packets.put(_Packet(client, packet, now_s, self._late_s))
 
-    def attend(self) -> None:
+    def run_due(self) -> None:
         """Run the verbs' work for the loop once a cycle, find motions that are over, and end those
         without end whose client has disconnected."""
-        self._link.attend()
+        self._link.run_due()
         for motion, client, there in tuple(self._motions.values()):
             if motion.over:
                 if self._packets.empty():

@@ -104,7 +104,7 @@ class BusBackend(DeviceBackend[bytes]):
         """Time of the next check for programs."""
         return self._look_s
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Look for programs, and pass their messages to the device."""
         if now_s < self._look_s:
             return

@@ -615,7 +615,7 @@ class Compiler:
         line = getattr(found, "line", 1)
         do = code.do
 
-        def judged(value: Any) -> bool:
+        def as_truth(value: Any) -> bool:
             try:
                 return operators.truth(value)
             except ValueError as error:
@@ -624,13 +624,13 @@ class Compiler:
         if code.takes_time:
 
             def wait(own: _Locals) -> Running:
-                return judged((yield from do(own)))
+                return as_truth((yield from do(own)))
 
             return _Code(wait, takes_time=True)
 
         def run(own: _Locals) -> bool:
             value = do(own)
-            return value if value is True or value is False else judged(value)
+            return value if value is True or value is False else as_truth(value)
 
         return _Code(run)
 

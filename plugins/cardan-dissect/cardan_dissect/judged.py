@@ -183,7 +183,7 @@ class _Packet(NamedTuple):
 
 
 class _Flow(NamedTuple):
-    """Packets between an address and port of the tested side, and one of ours."""
+    """Packets between an address and port of the tested side, and one of the suite."""
 
     tested: Endpoint
     ours: Endpoint
@@ -373,7 +373,7 @@ class _Connection:
 
 
 class _Tcp(_Reading):
-    """Connections. A port of ours gives each client a channel: "motion 2", the second to any
+    """Connections. A port of the suite gives each client a channel: "motion 2", the second to any
     port."""
 
     protocol = "TCP"

@@ -56,7 +56,7 @@ def test_an_errand_that_was_refused_is_not_run_by_the_next_loop():
     with pytest.raises(MotionLoopError, match="not open"):
         link.do(lambda: done.append(1))
     link.begin()
-    link.attend()
+    link.run_due()
     assert not done
 
 

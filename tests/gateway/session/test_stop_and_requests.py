@@ -220,7 +220,7 @@ def test_a_motion_tells_of_its_end_before_what_is_answered_after(bench):
     bench.ask(1, "movl", POSE)
     number, begun = bench.heard("movl")
     assert (number, begun.outcome, begun.source) == (1, Outcome.RUNNING, "a")
-    bench.worker.attend()
+    bench.worker.run_due()
     bench.verbs.waited_for.outcome = Outcome.DONE
     bench.ask(2, "wait", 0.0)
     note = bench.heard()
@@ -234,7 +234,7 @@ def test_a_motions_end_is_reported_without_being_asked(bench):
     _, begun = bench.heard("movl")
     bench.verbs.waited_for.outcome = Outcome.DONE
     while not select.select([bench.ours], [], [], 0.001)[0]:
-        bench.worker.attend()
+        bench.worker.run_due()
     assert bench.heard() == begun._replace(outcome=Outcome.DONE)
 
 
@@ -421,12 +421,12 @@ def begin(bench, client, verb, value):
 def test_a_motion_without_end_ends_with_who_asked_for_it(bench):
     client = Watched()
     assert begin(bench, client, "movv", POSE) == ("done", "movv")
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == []
     client.there = False
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == ["the node that sent the request is gone"]
-    bench.worker.attend()
+    bench.worker.run_due()
     assert client.heard.get(timeout=TIMEOUT_S)[:2] == ("ended", Outcome.ABORTED)
     assert len(bench.verbs.reasons) == 1
 
@@ -486,7 +486,7 @@ def test_a_motion_that_ends_by_itself_outlives_who_asked_for_it(bench):
     client = Watched()
     assert begin(bench, client, "movl", POSE) == ("done", "movl")
     client.there = False
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == []
 
 
@@ -517,5 +517,5 @@ def test_the_end_of_a_later_motion_does_not_wait_for_who_asked_before(bench):
     bench.verbs.began[0].outcome = Outcome.ABORTED  # the next motion took over
     begin(bench, other, "movv", POSE)
     client.there = False
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == []

@@ -55,7 +55,7 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _N
 
 @requires(1, f"{FIRMWARE}: BOOTUP once the sensor is read")
 def it_says_that_it_started(decoded: Jr3Traffic) -> Verdict:
-    """Powered, the board says BOOTUP once, and samples only when it is told to."""
+    """Powered, the board sends BOOTUP once, and samples only on request."""
     found = decoded.during("listen")
     boots = [each for each in found if isinstance(each.value, Bootup)]
     others = [each.number for each in found if not isinstance(each.value, Bootup)]

@@ -148,7 +148,7 @@ def stays(decoded: Traffic) -> Verdict:
     wrong = [index for index in decoded.lost if phase is None or index < phase.first]
     if decoded.refused:
         return not_seen("it was never opened")
-    return failed("it went", wrong) if wrong else passed("it stayed")
+    return failed("it disconnected", wrong) if wrong else passed("connected all the time")
 
 
 def unplugged(decoded: Traffic) -> Verdict:
