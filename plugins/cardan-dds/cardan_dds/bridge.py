@@ -148,7 +148,7 @@ class Bridge:
         if on_bus and any(guid < self._dds.guid for guid in on_dds):
             raise DriverError(
                 "another `cardan net server dds` joins the same bus and DDS domain: messages "
-                "would go round between the two; end one of them"
+                "would circulate between the two; end one of them"
             )
 
     # -- out ---------------------------------------------------------------------------------------
@@ -172,7 +172,7 @@ class Bridge:
                 elif out.heard is None:
                     out.heard = self._bus.subscribe(name, topic.type, self._passing(out.publisher))
             except NetworkError as error:
-                self._say(f"{name} is not passed on to DDS: {error}")
+                self._say(f"{name} is not forwarded to DDS: {error}")
 
     def _begin_out(self, name: str, topic: Topic) -> _Out:
         out = _Out(topic, self._dds.advertise(name, topic.type, topic.latched))
@@ -278,7 +278,7 @@ class Bridge:
                 try:
                     publisher = client.network.advertise(name, type_name, writer.transient_local)
                 except NetworkError as error:
-                    self._say(f"{name} is not passed on to the bus: {error}")
+                    self._say(f"{name} is not forwarded to the bus: {error}")
                     return None
                 client.publishers[writer.guid] = publisher
             return publisher
@@ -327,7 +327,7 @@ class Bridge:
             client = None
             if self._stale(service):
                 self.counts["stale"] += 1
-                answered(Failure("the bridge stood still meanwhile; ask again"))
+                answered(Failure("the bridge stalled meanwhile; ask again"))
                 return
             if caller is not None:
                 node = self._dds.node_of(caller)
@@ -370,7 +370,7 @@ class Bridge:
                 try:
                     given[name] = type_name, begin(name, type_name)
                 except NetworkError as error:
-                    self._say(f"{name} is not there on DDS: {error}")
+                    self._say(f"{name} is not available on DDS: {error}")
 
     def _say(self, words: str) -> None:
         """Log a message once."""

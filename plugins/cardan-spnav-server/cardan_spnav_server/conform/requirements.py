@@ -312,7 +312,7 @@ def names_are_not_answered(decoded: SpnavTraffic) -> Verdict:
     return _bad(wrong, len(found), "no reply", "none was sent")
 
 
-@requires(105, f"{PROTOCOL}: status -1 of what it does not know")
+@requires(105, f"{PROTOCOL}: status -1 for unknown requests")
 def unknown_requests_are_refused(decoded: SpnavTraffic) -> Verdict:
     """A request that there is not is answered, and refused."""
     found = decoded.sent_request(UNKNOWN)
