@@ -344,7 +344,7 @@ class ListenerConnection(ServerConnection):
                 return
             if self._ending is None and self._backlog.lasts(self.waited_s, self.loop.time()):
                 self._tell_backlogged()
-                # Reading goes on, or the client's farewell would not be read.
+                # Reading goes on, or the client's close frame would not be read.
                 self._ending = self.loop.create_task(self.close(1008, BACKLOGGED))
             if self._ending is None:
                 yield frame

@@ -208,8 +208,8 @@ class _Reading(ABC):
     protocol: str
 
     def __init__(self, suite: Suite[Any], host: str, shift: int) -> None:
-        _, known, ours, pilots = suite.transport
-        self.ports = {name: port + shift for name, port in known.items() if name not in pilots}
+        _, known, ours, not_checked = suite.transport
+        self.ports = {name: port + shift for name, port in known.items() if name not in not_checked}
         self.ours = ours
         self.host = host
         self.events: list[tuple[int, WireEvent]] = []

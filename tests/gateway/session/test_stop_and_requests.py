@@ -44,7 +44,7 @@ class FakeVerbs:
         self.planning, self.go_on = threading.Event(), threading.Event()
         self.began, self.streamed, self.given = [], [], []
         self.streams = SimpleNamespace(kind=Stream.NONE)
-        self.stopped, self.reasons, self.askers = 0, [], []
+        self.stopped, self.reasons, self.sources = 0, [], []
         self.released = []
         self.waited_for = None
         self.stamp_s = 0.0
@@ -94,7 +94,7 @@ class FakeVerbs:
 
     def brake(self, reason, source):
         self.reasons.append(reason)
-        self.askers.append(source)
+        self.sources.append(source)
         self.stop()
 
     def stop(self):
@@ -171,13 +171,13 @@ def test_a_stop_acts_at_once_while_another_request_is_planned(bench):
     bench.ask(3, "stop")
     assert bench.heard() == (3, None)
     assert bench.verbs.stopped == 1
-    assert bench.verbs.askers == ["a"]
+    assert bench.verbs.sources == ["a"]
     bench.verbs.go_on.set()
     number, motion = bench.heard("movl")
     assert number == 1
     assert motion.outcome is Outcome.ABORTED
     assert bench.verbs.stopped == 2
-    assert bench.verbs.askers == ["a", ""], "one stop, counted once"
+    assert bench.verbs.sources == ["a", ""], "one stop, counted once"
     number, error = bench.heard()
     assert number == 2
     assert "stopped before it began" in str(error)

@@ -222,7 +222,7 @@ class WiimoteCore(DeviceCore):
         """Switch on the LED of the options (default: the first), or switch all off."""
         self._led = 1 << max(self._options.led, 1) >> 1 if on else 0
 
-    def parting(self) -> list[bytes]:
+    def final_reports(self) -> list[bytes]:
         """Return the output reports to send before closing: the LEDs as requested last."""
         return [] if self._led is None else [encode_output(Leds(self._led))]
 
