@@ -31,7 +31,7 @@ from tests.fault_benches import (
     Ros2Bench,
     UrBench,
 )
-from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Scenario, make
+from tests.fault_scenarios import SCENARIOS, SPEED_M_S, Make, Scenario, make
 from tests.result_tables import FAULTS as RESULTS
 
 _T = TypeVar("_T")
@@ -61,27 +61,27 @@ class Fault(NamedTuple):
     watched_s: float = WATCHED_S
 
 
-def _silence(bench: Bench, pilot: Scenario) -> None:
-    pilot.silent = True
+def _silence(bench: Bench, scenario: Scenario) -> None:
+    scenario.silent = True
 
 
-def _flood(bench: Bench, pilot: Scenario) -> None:
+def _flood(bench: Bench, scenario: Scenario) -> None:
     bench.flooded = True
 
 
 def _bad(kind: str) -> Callable[[Bench, Scenario], None]:
-    def act(bench: Bench, pilot: Scenario) -> None:
+    def act(bench: Bench, scenario: Scenario) -> None:
         bench.bad = kind
 
     return act
 
 
 def _stall(ms: int) -> Callable[[Bench, Scenario], None]:
-    return lambda bench, pilot: bench.stall(1e-3 * ms)
+    return lambda bench, scenario: bench.stall(1e-3 * ms)
 
 
 def _clock(name: str) -> Callable[[Bench, Scenario], None]:
-    return lambda bench, pilot: bench.lie(name)
+    return lambda bench, scenario: bench.lie(name)
 
 
 _UDP = (EgmBench, EgmJointBench, JointStreamBench, Ros2Bench)
@@ -96,7 +96,7 @@ FAULTS: dict[str, Fault] = {
     "states that are not numbers": Fault(_bad("nan"), own=BENCHES),
     "measured place jumps by 200 mm": Fault(_bad("jump"), own=(Ros2Bench,)),
     "second publisher of the joints": Fault(
-        lambda bench, pilot: bench.peer.second(), robots=(Ros2Bench,), own=(Ros2Bench,)
+        lambda bench, scenario: bench.peer.second(), robots=(Ros2Bench,), own=(Ros2Bench,)
     ),
     "process stalls for 20 ms": Fault(_stall(20), own=(Ros2Bench,)),
     "process stalls for 40 ms": Fault(_stall(40), own=(MotorosStreamBench, Ros2Bench)),
@@ -105,13 +105,13 @@ FAULTS: dict[str, Fault] = {
         _stall(100), own=(*_MOTOROS, JointStreamBench, Ros2Bench, UrBench)
     ),
     "process stalls for 500 ms": Fault(_stall(500), own=BENCHES),
-    "controller restarts": Fault(lambda bench, pilot: bench.restart(), own=BENCHES),
-    "motors off": Fault(lambda bench, pilot: bench.unpower(), own=BENCHES),
-    "program stopped at the robot": Fault(lambda bench, pilot: bench.unready(), own=BENCHES),
-    "commands said not to act": Fault(lambda bench, pilot: bench.hold(), own=BENCHES),
-    "authority taken": Fault(lambda bench, pilot: pilot.lose_authority()),
-    "supervisor stopped": Fault(lambda bench, pilot: pilot.stop_supervisor()),
-    "process killed": Fault(lambda bench, pilot: bench.kill(), own=BENCHES),
+    "controller restarts": Fault(lambda bench, scenario: bench.restart(), own=BENCHES),
+    "motors off": Fault(lambda bench, scenario: bench.unpower(), own=BENCHES),
+    "program stopped at the robot": Fault(lambda bench, scenario: bench.unready(), own=BENCHES),
+    "commands said not to act": Fault(lambda bench, scenario: bench.hold(), own=BENCHES),
+    "authority taken": Fault(lambda bench, scenario: scenario.lose_authority()),
+    "supervisor stopped": Fault(lambda bench, scenario: scenario.stop_supervisor()),
+    "process killed": Fault(lambda bench, scenario: bench.kill(), own=BENCHES),
     **{
         f"clock {name}": Fault(
             _clock(name),
@@ -153,15 +153,15 @@ def measured(
 ) -> Iterator[Motion]:
     """Yield the motion of a bench's arm after each of these faults, with one run-up for all."""
     with kind() as bench:
-        pilot = made(source, bench)
-        bench.answer = pilot.tick
+        scenario = made(source, bench)
+        bench.answer = scenario.tick
         bench.ready().run(0.05)
-        pilot.start()
+        scenario.start()
         bench.run(run_up_s)
         at_s = bench.now_s
 
         def after(fault: Fault) -> Motion:
-            fault.act(bench, pilot)
+            fault.act(bench, scenario)
             bench.run(fault.watched_s)
             return bench.motion(at_s)
 
@@ -201,7 +201,7 @@ def in_a_copy(work: Callable[[], _T]) -> _T:
 
 def rows(made: Make = make) -> Iterator[Row]:
     """Yield the results of all valid combinations of source, fault and robot."""
-    for source in PILOTS:
+    for source in SCENARIOS:
         for kind in BENCHES:
             faults = {
                 name: fault

@@ -122,7 +122,7 @@ def rows() -> list[Row]:
     node: Any = _Node()
     network._node = node
     can = DeviceCapabilities(True, (), frozenset(), True, gives_inertia=True)
-    part: Any = SimpleNamespace(capabilities=can, tap=None, witness=None)
+    part: Any = SimpleNamespace(capabilities=can, raw_packet_callback=None)
     network.open(part, part, part)
     kinds = get_args(Kind)
     return sorted(node.made.values(), key=lambda row: (kinds.index(row.kind), _order(row.name)))

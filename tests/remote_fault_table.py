@@ -23,7 +23,7 @@ from cardan.types import DeviceState
 from tests.docs_tables import markdown
 from tests.drivers.remote_bench import STEP_S, Bench as RemoteBench, Link
 from tests.fault_benches import JointStreamBench, Motion
-from tests.fault_pilots import ACCELERATION_M_S2, SPEED_M_S, Operator
+from tests.fault_scenarios import ACCELERATION_M_S2, SPEED_M_S, Operator
 from tests.fault_table import Row, cell, in_a_copy
 from tests.result_tables import REMOTE_FAULTS as RESULTS
 
@@ -205,31 +205,31 @@ OVERTAKEN_S = 0.06
 class Fault(NamedTuple):
     act: Callable[[RemoteOperator, float], None]
     lasts_s: float = 0.0
-    before: Callable[[RemoteOperator], None] = lambda pilot: None
+    before: Callable[[RemoteOperator], None] = lambda operator: None
     """Preparation of a fault, some time before it."""
     by_hand: bool = False
     """True if the operator, not the fault, ends the motion."""
 
 
-def _let_hold_go(pilot: RemoteOperator, _lasts_s: float) -> None:
-    pilot.hold(False)
+def _let_hold_go(operator: RemoteOperator, _lasts_s: float) -> None:
+    operator.hold(False)
 
 
-def _let_cap_go(pilot: RemoteOperator, _lasts_s: float) -> None:
-    pilot.deflect(False)
+def _let_cap_go(operator: RemoteOperator, _lasts_s: float) -> None:
+    operator.deflect(False)
 
 
-def _twice(pilot: RemoteOperator) -> None:
-    pilot.change(in_order=False, twice=1.0)
+def _twice(operator: RemoteOperator) -> None:
+    operator.change(in_order=False, twice=1.0)
 
 
-def _overtaken(pilot: RemoteOperator) -> None:
-    jitter_s = max(OVERTAKEN_S, pilot.network.link.jitter_s)
-    pilot.change(in_order=False, jitter_s=jitter_s)
+def _overtaken(operator: RemoteOperator) -> None:
+    jitter_s = max(OVERTAKEN_S, operator.network.link.jitter_s)
+    operator.change(in_order=False, jitter_s=jitter_s)
 
 
 def _cut(*ways: str) -> Callable[[RemoteOperator, float], None]:
-    return lambda pilot, lasts_s: pilot.cut(ways, lasts_s)
+    return lambda operator, lasts_s: operator.cut(ways, lasts_s)
 
 
 DEAD_MAN, CAP = "the hand lets go of the dead-man", "the hand lets go of the cap"
@@ -267,14 +267,16 @@ class Found(NamedTuple):
     """Distance moved after re-arming; nan: the arm had not stopped."""
 
 
-def rest_by_s(pilot: RemoteOperator, fault: Fault, at_s: float) -> float:
+def rest_by_s(operator: RemoteOperator, fault: Fault, at_s: float) -> float:
     """Return the time limit until rest, from the real arrival times of states."""
-    remote = pilot.remote
-    braked_s = BRAKING_S + pilot.bench.period_s + SERVO_S
+    remote = operator.remote
+    braked_s = BRAKING_S + operator.bench.period_s + SERVO_S
     if fault.by_hand:
-        reported = (came_s for came_s, made_s, _ in remote.came if made_s >= pilot.let_go_s - 1e-9)
+        reported = (
+            came_s for came_s, made_s, _ in remote.came if made_s >= operator.let_go_s - 1e-9
+        )
         return min(reported) + braked_s
-    max_age_s = pilot.network.max_age_s
+    max_age_s = operator.network.max_age_s
     # Each direction also takes a step of the bench's time.
     round_s = remote.down.link.slowest_s + remote.up.link.slowest_s + 2.0 * STEP_S
     fresh_s = -math.inf
@@ -292,30 +294,30 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
     """Yield the motion of the arm over one network after each of these faults, with one run-up
     for all."""
     with JointStreamBench() as bench:
-        pilot = RemoteOperator(bench, NETWORKS[network])
-        bench.answer = pilot.tick
+        operator = RemoteOperator(bench, NETWORKS[network])
+        bench.answer = operator.tick
         bench.ready().run(LIVE_S)
-        pilot.hold()
+        operator.hold()
         bench.run(HELD_S)
-        pilot.deflect()
+        operator.deflect()
         bench.run(RUN_UP_S)
 
         def after(name: str) -> Found:
             fault = FAULTS[name]
-            fault.before(pilot)
+            fault.before(operator)
             bench.run(HELD_S)
             at_s = bench.now_s
-            fault.act(pilot, fault.lasts_s)
+            fault.act(operator, fault.lasts_s)
             bench.run(WATCHED_S)
             if math.isinf((motion := bench.motion(at_s)).stop_s):
-                by_s = rest_by_s(pilot, fault, at_s)
+                by_s = rest_by_s(operator, fault, at_s)
                 return Found(name, network, motion, by_s - at_s, 0.0, math.nan)
             bench.run(fault.lasts_s)
-            motion, by_s = bench.motion(at_s), rest_by_s(pilot, fault, at_s)
-            if pilot.deflected:
+            motion, by_s = bench.motion(at_s), rest_by_s(operator, fault, at_s)
+            if operator.deflected:
                 # Rest and a new deflection without a press do not re-arm.
                 for deflected in (False, True):
-                    pilot.deflect(deflected)
+                    operator.deflect(deflected)
                     bench.run(SETTLED_S)
             times, points = bench.path()
             since = points[times >= at_s + motion.stop_s + STILL_S]
@@ -323,7 +325,7 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
             again_m = 0.0
             for _ in range(2):  # the network may still be stalled
                 if again_m < AGAIN_M:
-                    pilot.act()
+                    operator.act()
                     again_m = float(np.linalg.norm(bench.path()[1][-1] - points[-1]))
             return Found(name, network, motion, by_s - at_s, unasked_m, again_m)
 

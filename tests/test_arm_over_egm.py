@@ -16,7 +16,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from tests.chain import PUSH, Chain
 from tests.fault_benches import EgmBench, EgmJointBench
-from tests.test_lost_time import SPEED_M_S, moving
+from tests.test_slip_compensation import SPEED_M_S, moving
 
 INTO_THE_SINGULARITY = PUSH.replace("-0.5", "0.9")
 """Forward without end: the wrist straightens 27 cm ahead, where the arm's reach ends."""

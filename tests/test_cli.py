@@ -164,7 +164,7 @@ def test_dissect_of_nothing():
 )
 def test_peers_list_what_they_can(peer, fault):
     assert fault in cardan("sim", peer, "--list-faults")
-    assert "a file has a line a step" in cardan("sim", peer, "--list-scripts")
+    assert "a file has one step a line" in cardan("sim", peer, "--list-scripts")
 
 
 @pytest.mark.parametrize(

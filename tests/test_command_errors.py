@@ -167,12 +167,13 @@ def test_devices_go_on_past_a_search_that_fails(monkeypatch, cardan):
         ("mute", "device.driver: driver 'mute' cannot be used: its capabilities are None"),
         (
             "stateless",
-            "driver 'stateless' cannot be used: state() of one that is not open fails: "
+            "driver 'stateless' cannot be used: state() of a driver that is not open fails: "
             "AttributeError: 'Stateless' object has no attribute 'nothing'",
         ),
         (
             "silent",
-            "driver 'silent' cannot be used: diagnosis() of one that is not open gives None, "
+            "driver 'silent' cannot be used: diagnosis() of a driver that is not open returns "
+            "None, "
             "not a sequence",
         ),
         ("notable", "Options is None; it must be a dataclass"),

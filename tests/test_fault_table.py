@@ -8,7 +8,7 @@ import pytest
 
 from tests import fault_table
 from tests.fault_benches import BENCHES
-from tests.fault_pilots import PILOTS
+from tests.fault_scenarios import SCENARIOS
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(1200)]
 
@@ -57,7 +57,7 @@ def test_what_is_written_is_what_is_measured(rows):
 
 def test_every_source_fault_and_robot_is_there(rows):
     found = {(row.source, row.robot) for row in rows}
-    assert found == {(source, kind.name) for source in PILOTS for kind in BENCHES}
+    assert found == {(source, kind.name) for source in SCENARIOS for kind in BENCHES}
     assert {row.fault for row in rows} == set(fault_table.FAULTS)
 
 

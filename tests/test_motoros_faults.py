@@ -316,7 +316,7 @@ def test_a_queue_that_is_not_played_ends_motion_and_is_emptied():
     bench.controller.speed_limit(0.0, bench.now_s)
     bench.run(2.0)
     assert not bench.session.control.enabled
-    assert "plays nothing" in bench.session.control.end_reason
+    assert "executes nothing" in bench.session.control.end_reason
     bench.controller.speed_limit(None, bench.now_s)
     at_s = bench.now_s
     bench.run(1.0)

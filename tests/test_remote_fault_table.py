@@ -6,7 +6,7 @@ import math
 import pytest
 
 from tests import remote_fault_table
-from tests.fault_pilots import SPEED_M_S
+from tests.fault_scenarios import SPEED_M_S
 from tests.fault_table import HARDEST_M_S2, HIGHEST_M_S
 from tests.remote_fault_table import (
     AGAIN_M,

@@ -186,7 +186,9 @@ def test_a_router_serves_until_a_signal(number):
         with cardan("net", "server", "router", "--endpoint", endpoint) as second:
             _, error = second.communicate(timeout=20.0)
             assert second.returncode == 3
-            assert error.startswith(f"cardan: the router cannot serve at {endpoint}; another one")
+            assert error.startswith(
+                f"cardan: the router cannot serve at {endpoint}; another router"
+            )
         process.send_signal(number)
         _, error = process.communicate(timeout=20.0)
     assert (process.returncode, error) == (0, "")

@@ -173,7 +173,7 @@ def test_a_queue_that_is_full_is_waited_for(tmp_path):
         server.bind(path)
         server.listen(0)
         waiting = stack.enter_context(connected(path, socket.SOCK_STREAM, 5.0))
-        with pytest.raises(TimeoutError, match="too many programs wait there"):
+        with pytest.raises(TimeoutError, match="too many connections wait there"):
             connected(path, socket.SOCK_STREAM, 0.05)
         timer = threading.Timer(0.05, lambda: stack.enter_context(server.accept()[0]))
         timer.start()

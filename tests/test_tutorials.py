@@ -22,7 +22,7 @@ def test_the_tutorial_works(page, tmp_path, wheel, sdist, record_property):
     assert reader.place_of_cardan().parts[-3:] == ("site-packages", "cardan", "__init__.py")
     for line, words in said.items():
         if line.startswith("cardan run") and "--seconds" in line:
-            assert "the session's time is over" in words
+            assert "the session's time limit is reached" in words
     for name, what in STAND_INS.items():
         if any(name in step.text for step in found):
             record_property("stand-in", f"{page.stem}: in place of {name}, {what}")

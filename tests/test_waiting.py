@@ -5,7 +5,7 @@ import pytest
 from cardan.errors import MotionRefusedError
 from tests.waiting import TRIES, done_again
 
-PAUSED = "this computer or the network stood still for 0.1 s"
+PAUSED = "this computer or the network stalled for 0.1 s"
 
 
 def acts(*outcomes):

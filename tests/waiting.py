@@ -13,7 +13,7 @@ WITHIN_S = 120.0
 """Longest wait. A busy computer starts processes slowly: in 30 s at a load of 18."""
 PERIOD_S = 0.002
 
-STOOD_STILL = "stood still for"
+STOOD_STILL = "stalled for"
 """Text of a session's reason for ended or refused motion: no process served the arm for more than
 `stall_s`, because the computer stood still."""
 MOVES_STILL = "moves already"

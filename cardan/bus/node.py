@@ -753,8 +753,8 @@ def _advice(error: Exception) -> str:
     if "Address already in use" not in str(error):
         return ""
     return (
-        "; another program serves there, such as a router, which a session with [network] starts: "
-        "choose another address to listen at, or port 0 for any"
+        "; another program already listens there, such as the router that a session with [network] "
+        "starts: choose another address, or port 0 for any"
     )
 
 
@@ -763,7 +763,7 @@ def close_session(session: Any) -> None:
     try:
         session.close()
     except zenoh_module().ZError as error:  # After 10 s.
-        _log.warning("the bus was not left in good order: %s", words_of(error))
+        _log.warning("error while leaving the bus: %s", words_of(error))
 
 
 def words_of(error: Exception) -> str:

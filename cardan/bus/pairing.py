@@ -132,7 +132,9 @@ def pair_with(
     try:
         robot = socket.create_connection((host, port), CLIENT_S)
     except (OSError, UnicodeError) as error:
-        raise AddressError(f"no computer pairs at {host} port {port} ({error}): {again}") from None
+        raise AddressError(
+            f"no computer waits for pairing at {host} port {port} ({error}): {again}"
+        ) from None
     try:
         with robot:
             channel = _Channel(robot, time.monotonic() + CLIENT_S)

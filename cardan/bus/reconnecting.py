@@ -96,7 +96,7 @@ class Reconnector:
             try:
                 self._look()
             except (self._zenoh.ZError, ConfigurationError) as error:
-                _log.info("the router was not asked for lost peers: %s", error)
+                _log.info("the router could not be asked for lost peers: %s", error)
 
     def _waited(self) -> bool:
         """Wait; return False if nothing is left to do, which ends the thread."""

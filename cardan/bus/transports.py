@@ -88,7 +88,7 @@ class OtherNode(ABC):
 
     @abstractmethod
     def graph_reader(self) -> OtherGraph:
-        """Return a reader of the present nodes. Raises DriverError."""
+        """Return a reader of the graph of nodes. Raises DriverError."""
 
 
 FINDER: Finder[OtherNode] = Finder(

@@ -120,11 +120,11 @@ class Twins:
             return "", True
         if any(each is None or each[:2] < self._own[:2] for each in others.values()):
             return (
-                f"{self._words()}: this one takes no commands from the network but stops; end one "
+                f"{self._words()}: this one accepts only stops from the network; end one "
                 "of them, or give them different names",
                 False,
             )
-        return f"{self._words()}; it began later and takes no commands", True
+        return f"{self._words()}; it started later and accepts no commands", True
 
     def _words(self) -> str:
         hosts = {each.host for each in self.others().values() if each is not None}

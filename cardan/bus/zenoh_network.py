@@ -449,4 +449,6 @@ class _Call:
         """Handle the end of replies."""
         if not self._over:
             self._over = True
-            self._answered(Failure(f"{self._service}: no reply: no server offers it, or late"))
+            self._answered(
+                Failure(f"{self._service}: no reply: no server offers it, or it is late")
+            )

@@ -423,7 +423,7 @@ def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
     elif mapping.clutch:
         yield (
             "clutch",
-            f"{mapping.clutch!r} begins and ends following; no dead-man is held",
+            f"{mapping.clutch!r} starts and stops following; no dead-man has to be held",
         )
     else:
         yield (

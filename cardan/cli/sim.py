@@ -54,7 +54,7 @@ def _sim(
     list_: Annotated[bool, typer.Option("--list", help="Print the peers, then end.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Stand in for a piece of hardware, speaking its real protocol."""
+    """Simulate a controller, device or client over its real protocol."""
     listed(context, list_, registry, ("peer", "stands in for"), as_json)
 
 
@@ -115,7 +115,7 @@ def _lists(
         for name, text in peer.scripts.items():
             first = text.strip().splitlines()[0]
             yield f"{name:16} {first.lstrip('# ') if first.startswith('#') else ''}"
-        yield "\na file has a line a step, SECONDS and then one of:"
+        yield "\na file has one step a line: SECONDS, then one of:"
         yield from (f"  {usage}" for usage in peer.verbs.values())
 
     found: dict[str, tuple[str, Lines]] = {}

@@ -91,7 +91,7 @@ class Host(Text):
 
 
 _DOTTED = re.compile(r"[0-9]+(\.[0-9]+){3}")
-_ALL_OWN = "an address that stands for all of a computer's"
+_ALL_OWN = "a wildcard address"
 
 
 def shared_address(host: str) -> str:

@@ -8,7 +8,7 @@ from typing import Final, Protocol
 from weakref import WeakSet
 
 IN_CHILD: Final = (
-    "it was opened by the process that this one was forked from, whose it stays: open another here"
+    "it belongs to the parent process, from which this one was forked: open another one here"
 )
 
 

@@ -136,7 +136,7 @@ class HapticCommand(NamedTuple):
     stamp_s: float
     """Local monotonic time of its data."""
     engaged: bool = False
-    """False: no force at all, by ramp; the next True engages anew (small force first, then a
+    """False: no force at all, by ramp; the next True engages again (small force first, then a
     ramp up)."""
     world: WorldMap = WorldMap()
     fixtures: tuple[Fixture, ...] = ()

@@ -1,4 +1,4 @@
-"""Signals that end a program, handled as a request to end in good order. A program that moves or
+"""Signals that end a program, handled as a request for an orderly shutdown. A program that moves or
 simulates a robot must not die of a signal that it could handle: a robot is braked by the process
 that commands it."""
 

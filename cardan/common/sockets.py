@@ -241,8 +241,8 @@ class UnixSocket:
             raise AddressError(problem) from None
 
     def close(self) -> None:
-        """Close it and remove its path, unless another program has replaced it. Never raises; twice
-        is fine."""
+        """Close it and remove its path, unless another program has replaced it. Never raises;
+        idempotent."""
         self.sock.close()
         with contextlib.suppress(OSError):
             if self._identity is not None and _identity(self.path) == self._identity:
@@ -287,7 +287,7 @@ def _connect(peer: socket.socket, path: str, timeout_s: float | None) -> None:
             peer.connect(path)
         except BlockingIOError:
             if time.monotonic() >= end_s:
-                raise TimeoutError(errno.ETIMEDOUT, "too many programs wait there") from None
+                raise TimeoutError(errno.ETIMEDOUT, "too many connections wait there") from None
             time.sleep(QUEUE_LOOK_S)
         else:
             return

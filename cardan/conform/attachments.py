@@ -228,7 +228,7 @@ def read_mcap(path: Path, suite: Suite[V]) -> tuple[WireTimeline, Level]:
         if level is not None:
             raise CaptureError(f"{path} is not as `--save` writes it: {error!r:.80}") from None
     if level is None:
-        raise CaptureError(f"{path} has no bytes of a wire: only a record.mcap of --save has them")
+        raise CaptureError(f"{path} has no recorded traffic: only a record.mcap of --save has them")
     timeline.start_ns, timeline.strays = start_ns, tuple(reader.problems)
     return timeline, level
 

@@ -62,7 +62,7 @@ def _easier(easy: SuiteReport, hard: SuiteReport) -> str:
     if easy.simulated and not hard.simulated:
         return "THE SIMULATED PEER IS EASIER"
     if hard.simulated and not easy.simulated:
-        return "the simulated peer is harder"
+        return "the simulated peer is stricter"
     return f"{easy.target} is easier"
 
 

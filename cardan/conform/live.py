@@ -40,7 +40,7 @@ class Live:
                 wires = {each.fileno(): name for name, each in self._open.items()}
                 due_s = self._now() + timeout_s
                 ready, _, _ = select.select(list(wires), [], [], timeout_s)
-                exchange.timeline.was_late(self._now() - due_s)
+                exchange.timeline.record_lateness(self._now() - due_s)
                 for descriptor in ready:
                     self._take(wires[descriptor])
         finally:
@@ -58,7 +58,7 @@ class Live:
         for data, source in wire.read():
             now_s, late_s = self._now(), wire.late_s
             self._do(self._exchange.heard(now_s, channel, data, note=source, late_s=late_s))
-            self._exchange.timeline.was_late(self._now() - now_s)
+            self._exchange.timeline.record_lateness(self._now() - now_s)
         if wire.ended and self._open.pop(channel, None) is not None:
             wire.close()
             self._do(self._exchange.heard(self._now(), channel, kind=Kind.CLOSED))

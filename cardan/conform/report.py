@@ -249,7 +249,9 @@ def read(text: str, name: str) -> SuiteReport:
     try:
         values: dict[str, Any] = json.loads(text)
         if values["form"] != FORM:
-            raise ConfigurationError(name, f"a report of form {values['form']}; this reads {FORM}")
+            raise ConfigurationError(
+                name, f"a report of format {values['form']}; this version reads {FORM}"
+            )
         results = tuple(_made(Result, each) for each in values["results"])
         return _made(SuiteReport, {**values, "results": results})
     except ConfigurationError:

@@ -113,7 +113,7 @@ class Exchange:
     ) -> list[Step]:
         """Record an event of the tested side, read `late_s` after it came; return the reactions."""
         self.scenario.now_s = now_s
-        self.timeline.was_late(late_s)
+        self.timeline.record_lateness(late_s)
         event = WireEvent(now_s - late_s, kind, False, channel, data, note)
         self.timeline.add(event)
         steps = [] if self.over else list(self.scenario.answer(event))

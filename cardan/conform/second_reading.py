@@ -30,7 +30,7 @@ def second_description(name: str) -> Any:
         for point in entry_points(ENTRY_POINT_GROUP):
             if point.name == name:
                 return point.load()
-        raise ModuleNotFoundError(f"nothing installed describes {name} a second time")
+        raise ModuleNotFoundError(f"no second description of {name} is installed")
     except ModuleNotFoundError as error:
         raise missing_extra(
             "a second description of the protocol", "cardan-dissect", "dissect", error

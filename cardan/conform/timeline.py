@@ -84,7 +84,7 @@ class WireTimeline:
         """Append the next event."""
         self.events.append(event)
 
-    def was_late(self, seconds: float) -> None:
+    def record_lateness(self, seconds: float) -> None:
         """Record that a read or an action was late by `seconds`."""
         self.late_s = max(self.late_s, seconds)
 

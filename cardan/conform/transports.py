@@ -171,7 +171,7 @@ class UdpPort(Wires):
 
 
 class _TcpListener(_SocketWire):
-    """A listening TCP port of ours. Each client is a wire of its own: "motion 2" is the second
+    """A listening TCP port of the suite. Each client is a wire of its own: "motion 2" is the second
     client of any port."""
 
     def __init__(self, host: str, port: int, channel: str, numbers: Iterator[int]) -> None:

@@ -187,7 +187,7 @@ def find_remarks(
             f"{missed} of {last.loop.cycles} cycles were missed: is this machine very busy?"
         )
     if paused_s > PAUSE_S:
-        stood_still = f"not judged, as this computer stood still for {paused_s * 1e3:.0f} ms: "
+        stood_still = f"not judged, because this computer stalled for {paused_s * 1e3:.0f} ms: "
         found += [stood_still + problem for problem in _interruptions(last, haptic, far=far)]
     return found
 

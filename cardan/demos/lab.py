@@ -123,7 +123,7 @@ class ObservedArms:
 
     def problems(self) -> list[str]:
         """Return deviations from the expected course."""
-        found = [f"the robot of {name} was never there" for name in self._absent]
+        found = [f"the robot of {name} was never connected" for name in self._absent]
         if not self._moved:
             found.append("no path was commanded")
         found += [

@@ -70,7 +70,9 @@ def check_unattended(
         if why:
             _refuse(demo, ".".join(filter(None, (key, option))), why)
     if isinstance(config.force, RemoteForceTable) and "force.socket" not in own:
-        _refuse(demo, "force.socket", "it must be one of `files`: any force node could be there")
+        _refuse(
+            demo, "force.socket", "it must be one of `files`: any force node could connect there"
+        )
     if config.network is not None:
         _check_network(demo, config.network, "network.router" in own)
 
@@ -80,7 +82,11 @@ def _check_network(demo: Demo, network: BusOptions, own_router: bool) -> None:
     if network.zenoh_config:
         _refuse(demo, "network.zenoh_config", "it may join any network")
     if not own_router:
-        _refuse(demo, "network.router", "it must be one of `ports`: others may be at any other")
+        _refuse(
+            demo,
+            "network.router",
+            "it must be one of `ports`: another program may listen at any other",
+        )
     for key, endpoints in (("router", (network.router,)), ("listen", network.listen)):
         for each in endpoints:
             if not stays_here(each.partition("/")[2]):

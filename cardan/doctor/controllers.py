@@ -132,7 +132,8 @@ def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
             "listen-address",
             f"{endpoint.host} is not an address of this computer",
             f"{who} is to listen there",
-            "ip -brief address shows which there are: set listen_host to that of the robot's "
+            "ip -brief address lists this computer's addresses: set listen_host to that of the "
+            "robot's "
             "network",
         )
     if heard.error:
@@ -163,7 +164,7 @@ def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
         return failure(
             "other-controller",
             f"{where} of {who} receives datagrams of {', '.join(heard.sources)}, not of {peer}",
-            "the session takes datagrams only of the controller in the file",
+            "the session accepts datagrams only from the controller in the file",
             f"set the controller's address: {heard.sources[0]}, or find out which device that is",
         )
     return good("heard", f"{where} of {who} receives datagrams of {', '.join(heard.sources)}")
@@ -177,7 +178,7 @@ def _check_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
         words = f"says {shown(heard.said[:40])}" if heard.said else "says nothing"
         return failure(
             "other-server",
-            f"{where} of {who} accepts a connection and {words}: another program has it",
+            f"{where} of {who} accepts a connection and {words}: another program uses it",
             "the session cannot start",
             "set the port that the controller serves this protocol at",
         )

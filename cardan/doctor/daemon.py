@@ -29,8 +29,8 @@ def check_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
         elif row["state"] == UnitState.WAITING.value:
             yield caution(
                 "unit-waiting",
-                f"{who} waits to be started again{reason}",
-                "what it needs is not there, or it has died",
+                f"{who} waits for its restart{reason}",
+                "something that it needs is missing, or it has crashed",
                 f"cardan daemon log {row['name']}",
             )
         else:
@@ -44,7 +44,7 @@ def check_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
         return failure(
             "service",
             f"the service {services[0].path} is installed, and its daemon does not answer: {why}",
-            "no session of it runs",
+            "none of its sessions runs",
             f"{systemctl} status cardan, then: {systemctl} restart cardan",
         )
     if why.startswith("no daemon runs"):

@@ -200,7 +200,10 @@ def check_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding
         for note in loaded.notes:
             bad = True
             yield caution(
-                "plug-in", note, "two packages give the same name", "pip uninstall one of the two"
+                "plug-in",
+                note,
+                "two packages provide this name",
+                "pip uninstall one of the two",
             )
     for extra, names in lacking.items():  # If the files need it, the failure "extra" reports it.
         yield good("plug-in", f"not installed: {install_command(extra)} for {', '.join(names)}")

@@ -119,7 +119,7 @@ def check_load(load: float, processors: int) -> Finding:
         "load",
         what,
         "cycles are late where the session has no real-time scheduling",
-        "top -o %CPU, and end what need not run",
+        "top -o %CPU, and end programs that need not run",
     )
 
 

@@ -342,7 +342,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return self.silence(now_s) if self.lost(now_s) else None
 
     def silence(self, now_s: float) -> RobotState:
-        """The state to report while nothing is heard."""
+        """Return the state to report while no datagram arrives."""
         last = self.state
         return RobotState(
             stamp_s=now_s,

@@ -59,7 +59,7 @@ def close_in_order(opened: Openable) -> None:
     try:
         opened.close()
     except FAILURES:
-        _log.exception("%s was not closed in good order", type(opened).__name__)
+        _log.exception("%s could not be closed properly", type(opened).__name__)
 
 
 def is_foreign(driver: object) -> bool:
@@ -71,22 +71,22 @@ def device_problem(state: Any, events: Any) -> str:
     """Explain how results of a device's `state()` and `button_events()` are invalid; empty if
     valid."""
     if not isinstance(state, DeviceState):
-        return f"state() gave {state!r:.60}"
+        return f"state() returned {state!r:.60}"
     if not isinstance(state.link, DeviceLink):
-        return f"state() gave the link {state.link!r:.60}"
+        return f"state() returned the link {state.link!r:.60}"
     if not _numbers(state.axes) or len(state.axes) != 6:
-        return f"state() gave the axes {state.axes!r:.60}, which are not six numbers"
+        return f"state() returned the axes {state.axes!r:.60}, which are not six numbers"
     if not isinstance(state.buttons, AbstractSet):
-        return f"state() gave the buttons {state.buttons!r:.60}, not a set"
+        return f"state() returned the buttons {state.buttons!r:.60}, not a set"
     if not _numbers((state.stamp_s,)) or state.stamp_s != state.stamp_s:
-        return f"state() gave the time {state.stamp_s!r:.60}"
+        return f"state() returned the time {state.stamp_s!r:.60}"
     if state.pose is not None and not isinstance(state.pose, Pose):
-        return f"state() gave the pose {state.pose!r:.60}"
+        return f"state() returned the pose {state.pose!r:.60}"
     if not isinstance(events, Sequence):
-        return f"button_events() gave {events!r:.60}"
+        return f"button_events() returned {events!r:.60}"
     for event in events:
         if not isinstance(event, ButtonEvent):
-            return f"button_events() gave {event!r:.60} for an event"
+            return f"button_events() returned {event!r:.60} for an event"
     return ""
 
 
@@ -94,19 +94,19 @@ def robot_problem(state: Any) -> str:
     """Explain how a result of a robot's `cycles()` is invalid; empty if valid. Joints may be NaN,
     which the arm's model refuses; an invalid time would make a silent robot seem alive."""
     if not isinstance(state, RobotState):
-        return f"cycles() gave {state!r:.60}"
+        return f"cycles() returned {state!r:.60}"
     if not isinstance(state.link, RobotLink):
-        return f"cycles() gave the link {state.link!r:.60}"
+        return f"cycles() returned the link {state.link!r:.60}"
     if not isinstance(state.hold_reason, str):
-        return f"cycles() gave the hold_reason {state.hold_reason!r:.60}"
+        return f"cycles() returned the hold_reason {state.hold_reason!r:.60}"
     for name in ("stamp_s", "period_s"):
         value = getattr(state, name)
         if not _numbers((value,)) or not math.isfinite(value):
-            return f"cycles() gave the {name} {value!r:.60}, which is not a finite number"
+            return f"cycles() returned the {name} {value!r:.60}, which is not a finite number"
     for name in ("joints", "velocities", "torques"):
         values = getattr(state, name)
         if not _numbers(values):
-            return f"cycles() gave the {name} {values!r:.60}, which are not numbers"
+            return f"cycles() returned the {name} {values!r:.60}, which are not numbers"
     return ""
 
 
@@ -114,7 +114,7 @@ def checked_lines(lines: Any) -> list[str]:
     """Return the lines of a `diagnosis()`. Raises TypeError for any other result."""
     wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
     if wrong:
-        raise TypeError(f"diagnosis() gave {wrong[0]!r:.60}, not lines of text")
+        raise TypeError(f"diagnosis() returned {wrong[0]!r:.60}, not lines of text")
     return list(lines)
 
 
@@ -122,7 +122,7 @@ def counted(metrics: Any) -> Any:
     """Return the checked result of `metrics()`. Raises TypeError for a value that is no number."""
     for name, value in metrics.items():
         if not isinstance(value, Real):
-            raise TypeError(f"metrics() gave {value!r:.60} for {name!r}, not a number")
+            raise TypeError(f"metrics() returned {value!r:.60} for {name!r}, not a number")
     return metrics
 
 

@@ -87,7 +87,7 @@ class HotplugMonitor:
                 arrived = True
 
     def close(self) -> None:
-        """Stop listening. Never raises; twice is fine."""
+        """Stop listening. Never raises; idempotent."""
         listening, self._socket = self._socket, None
         if listening is not None:
             listening.close()

@@ -249,7 +249,7 @@ class ReaderMixin(ABC, Generic[C]):
         try:
             self._release()
         except Exception:  # From a system library: the device is tried again all the same.
-            _log.exception("the %s was not closed in good order", self._kind)
+            _log.exception("the %s could not be closed properly", self._kind)
 
 
 class ReadDevice(ReaderMixin[C], OperatorDevice):

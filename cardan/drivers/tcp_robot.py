@@ -423,7 +423,7 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
                 to.backlog += data[sent:]
             self._behind = True
             if len(to.backlog) > _BACKLOG_BYTES:
-                self._lost(session, channel, "the controller takes nothing any more")
+                self._lost(session, channel, "the controller accepts no more data")
 
     def _catch_up(self, session: TcpSessionT) -> None:
         """Send more of the data that a connection did not accept at once."""

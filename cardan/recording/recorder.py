@@ -280,7 +280,7 @@ class Recorder:
             why = error.strerror if isinstance(error, OSError) else shortage(error)
             if not why:
                 _log.exception("writing failed")
-                why = f"a fault of this program, {type(error).__name__}, as its log says"
+                why = f"an internal error, {type(error).__name__}, as its log says"
             self._error = f"{self._path} cannot be written: {why}"
             with self._there:
                 self._queue.clear()

@@ -95,7 +95,7 @@ class _Copy:
         """Data that could not be copied, in words."""
         said = []
         if self._strange:
-            said.append(f"{self._strange} messages are lost: what describes their topics is")
+            said.append(f"{self._strange} messages are lost: the descriptions of their topics are")
         if self._unreadable:
             said.append(f"{self._unreadable} attachments or metadata are damaged, and left out")
         return said

@@ -135,7 +135,7 @@ class Schedule:
         if step_ns < -STEP_NS:
             return "a clock was set"
         if step_ns > STEP_NS and following is not None and following.log_ns < log_ns - STEP_NS:
-            return "the message after it is of before: a clock was set"
+            return "the next message has an earlier time: a clock was set"
         if step_ns > self._longest_ns:
             return "a clock was set, or nothing was published (--longest-pause)"
         return ""

@@ -548,8 +548,8 @@ class _Plane(NamedTuple):
 
 
 def _cut(hull: Hull, axes: Floats) -> Iterator[list[_Piece]]:
-    """Covers of the cells that one plane, two, and so on cut the hull into: each time the cell is
-    cut that saves most."""
+    """Yield covers of a hull that one plane, two, and so on divide; each divides the cell
+    where it saves most."""
     cells = [_Cell(hull, axes, ())]
     while True:
         best = max(range(len(cells)), key=lambda index: cells[index].saved)

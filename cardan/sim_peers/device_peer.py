@@ -40,7 +40,7 @@ class DevicePeerOptions(Options):
 class DeviceNodeOptions(DevicePeerOptions):
     """Options of a device that programs open at a path: a socket, or a serial port."""
 
-    everybody: bool = option(False, "Let every user of this machine open it, not its owner alone.")
+    everybody: bool = option(False, "Let every user of this machine open it, not only its owner.")
     """Mode 0666 of the socket or port instead of 0600, whatever the umask."""
 
     @property
@@ -189,4 +189,4 @@ class DevicePeer(SimulatedPeer, Generic[D, M]):
 
     def _follow(self, now_s: float) -> None:
         """React to the device's condition after it was played until `now_s`."""
-        self.backend.attend(now_s)
+        self.backend.run_due(now_s)

@@ -25,7 +25,7 @@ from cardan.sim_peers.command import PeerCommand, listen_option, option
 from cardan.sim_peers.delay_line import DelayLine
 from cardan.sim_peers.tcp_peer import listen
 
-DELAY_MS = Range(0.0, 1000.0, "ms", "by then a session has taken the link for cut")
+DELAY_MS = Range(0.0, 1000.0, "ms", "by then a session counts the link as lost")
 
 FAULTS = (
     FaultSwitch(

@@ -180,7 +180,9 @@ FAULTS = (
     Fault("calibration lost", _device("uncalibrated"), 4 * TICK_S + _RELEASED),
     Fault("docked", _dock, forbidden="the stylus is in its inkwell"),
     Fault("let go under 2 N", _let_go),
-    Fault("thrown along the wall", _throw, forbidden="fault: the stylus flew under force"),
+    Fault(
+        "thrown along the wall", _throw, forbidden="fault: the stylus moved too fast under force"
+    ),
     Fault("ticks at 200 Hz", _device("slow-ticks", 200.0), forbidden=_SLOW),
     Fault("ticks 5 ms late", _device("late-tick", 5.0), forbidden=_IRREGULAR),
     Fault("ticks 30 ms late", _device("late-tick", 30.0), forbidden=_IRREGULAR),

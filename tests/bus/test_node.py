@@ -98,7 +98,7 @@ def test_leaving_a_bus_that_does_not_answer_is_reported_and_raises_nothing(
     monkeypatch.setattr(user, "_session", Stuck())
     user.close()
     (record,) = caplog.records
-    assert record.getMessage() == "the bus was not left in good order: close operation timed out!"
+    assert record.getMessage() == "error while leaving the bus: close operation timed out!"
 
 
 def test_who_meets_a_process_that_stands_still_leaves_in_time():
@@ -357,7 +357,9 @@ def test_what_cannot_be_joined_is_said(tmp_path):
     taken = free_endpoint()
     with (
         BusNode(BusOptions(router="", listen=(taken,)), "one"),
-        pytest.raises(DriverError, match=r"joined.*another program serves there") as refused,
+        pytest.raises(
+            DriverError, match=r"joined.*another program already listens there"
+        ) as refused,
     ):
         BusNode(BusOptions(router="", listen=(taken,)), "two").open()
     assert ".rs" not in str(refused.value)

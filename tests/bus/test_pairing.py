@@ -126,7 +126,7 @@ def test_a_host_may_be_written_as_elsewhere(state, monkeypatch, host, meant):
         raise ConnectionRefusedError("refused")
 
     monkeypatch.setattr(socket, "create_connection", refused)
-    with pytest.raises(AddressError, match=f"no computer pairs at {meant} port 1 "):
+    with pytest.raises(AddressError, match=f"no computer waits for pairing at {meant} port 1 "):
         pair_with(host, 1, False, "abcd efgh")
     assert called == [(meant, 1)]
 
@@ -165,10 +165,10 @@ def test_the_router_serves_the_families_that_a_name_may_have(
 
 def test_where_nobody_waits_it_says_what_to_do(state):
     with pytest.raises(
-        AddressError, match=r"no computer pairs at 127.0.0.1 .*start `cardan net pair`"
+        AddressError, match=r"no computer waits for pairing at 127.0.0.1 .*start `cardan net pair`"
     ):
         pair_with(HOST, free_tcp_port(), False, "abcd efgh")
-    with pytest.raises(AddressError, match=r"no computer pairs at a\.\.b "):
+    with pytest.raises(AddressError, match=r"no computer waits for pairing at a\.\.b "):
         pair_with("a..b", 1, False, "abcd efgh")
     with pytest.raises(AddressError, match="no computer paired within 0 s: pair again"):
         wait_for_operator((HOST, free_tcp_port()), False, [].append, [].append, 0.0)

@@ -216,7 +216,7 @@ def test_a_router_that_cannot_be_announced_serves_all_the_same(monkeypatch, tmp_
 
 
 def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, capsys):
-    """The rule for `cardan net echo`, `hz`, `record` and `network`; `replay` publishes."""
+    """`cardan net echo`, `hz`, `record` and `list` join it; `replay` publishes, and does not."""
     here = []
     monkeypatch.setattr(module, "is_served", lambda _address: False)
     monkeypatch.setattr(module, "routers_here", lambda: here)

@@ -158,10 +158,10 @@ def test_of_two_that_did_not_see_each_other_the_elder_takes_commands(bus, zids):
         node.appear()
     said, listens = elder[1].state()
     assert listens
-    assert "began later and takes no commands" in said
+    assert "started later and accepts no commands" in said
     said, listens = younger[1].state()
     assert not listens
-    assert "this one takes no commands from the network but stops" in said
+    assert "this one accepts only stops from the network" in said
     elder[0].leave()
     assert younger[1].state() == ("", True)
 

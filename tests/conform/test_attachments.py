@@ -127,7 +127,7 @@ def results(report):
 def test_a_kept_record_is_judged_as_its_run_was(suite, level, fault, tmp_path):
     found = registry.load(suite)
     report, timeline = simulated(found, level, fault, seconds=1.0)
-    timeline.was_late(0.25)
+    timeline.record_lateness(0.25)
     save(tmp_path, found, report, timeline)
     again, read = captured(found, tmp_path / "record.mcap")
     assert [e._replace(time_s=0.0) for e in read] == [
@@ -149,7 +149,7 @@ def test_a_record_that_is_of_something_else_is_not_judged(tmp_path):
         captured(found, path, "192.0.2.1")
     of_a_session = RecordWriter(tmp_path / "session.mcap")
     of_a_session.finish()
-    with pytest.raises(CaptureError, match=r"no bytes of a wire: only a record\.mcap of --save"):
+    with pytest.raises(CaptureError, match=r"no recorded traffic: only a record\.mcap of --save"):
         captured(found, tmp_path / "session.mcap")
 
 

@@ -66,7 +66,7 @@ def test_json_reads_back(bad):
     [
         ("", "no report"),
         ("[]", "no report"),
-        ('{"form": 2}', "form 2; this reads 1"),
+        ('{"form": 2}', "format 2; this version reads 1"),
         ('{"form": 1}', "no report"),
         ('{"form": 1, "results": 5}', "no report"),
         ('{"version": "1"}', r"format json`: it has no 'form'"),
@@ -156,7 +156,7 @@ def test_a_simulated_peer_that_is_easier_is_marked(good, bad):
 def test_one_that_is_harder_is_not(good, bad):
     assert easier(bad, real(good)) == ()
     (remark,) = [each.remark for each in compare(bad, real(good)) if each.remark]
-    assert remark == "the simulated peer is harder"
+    assert remark == "the simulated peer is stricter"
 
 
 def test_a_figure_that_is_far_larger_is_marked_too(good):

@@ -91,7 +91,7 @@ def test_a_hold_without_a_sign_of_the_person_ends_and_is_announced(bench, browse
             "window.announced = false; setInterval(() => {"
             f"announced ||= {WHY}.startsWith('Still there?'); }}, 50)"
         )
-        while "without a sign of who holds" not in page.value(WHY):
+        while "without a sign of the operator" not in page.value(WHY):
             assert time.monotonic() < end_s, page.value(WHY)
             at = hold(page, MOUSE, jog("X", -1), lambda: tcp.moving)
             page.until(f"{STATE} !== 'held'")

@@ -192,7 +192,7 @@ def test_a_demo_that_would_not_begin_says_how_long_it_needs(name, seconds, words
 @pytest.mark.parametrize(
     ("last", "code"),
     [
-        (Snapshot(finished=True, ending="the session's time is over"), EXIT_INCOMPLETE),
+        (Snapshot(finished=True, ending="the session's time limit is reached"), EXIT_INCOMPLETE),
         (Snapshot(finished=True, ending=STOPPED_ON_REQUEST), EXIT_OK),
         (Snapshot.of({"arm": {"message": "stopped before it began"}}), EXIT_OK),
     ],
@@ -238,7 +238,7 @@ def test_what_comes_of_a_computer_that_stood_still_is_no_problem_of_the_demo(mon
     pretend(monkeypatch, changed(MOVED, finished=True, arm__trips=1, tracking__path_m=0.0))
     monkeypatch.setattr(demo, "Pauses", StoodStill)
     assert run_demo(10.0, "gofa") == EXIT_OK
-    said = "not judged, as this computer stood still for 130 ms: teleoperation was disengaged 1"
+    said = "not judged, because this computer stalled for 130 ms: teleoperation was disengaged 1"
     assert said in capsys.readouterr().err
     pretend(monkeypatch, changed(MOVED, finished=True, arm__trips=1, tracking__error_max_m=0.03))
     assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE

@@ -111,7 +111,7 @@ def test_what_is_not_simulated_is_refused(changed, pair, end, words):
     ("row", "words"),
     [
         ({}, None),
-        ({"robot_link": ""}, "the robot of gofa was never there"),
+        ({"robot_link": ""}, "the robot of gofa was never connected"),
         ({"tracking": {"path_m": 0.0}}, "no path was commanded"),
         ({"tracking": {"error_max_m": 0.03}}, "gofa was 30 mm away from its reference"),
     ],

@@ -111,7 +111,7 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
         (
             (LAUNCH, FILES),
             MOUSE + ARM + "[network]\n",
-            "network.router: it must be one of `ports`: others may be at any other",
+            "network.router: it must be one of `ports`: another program may listen at any other",
         ),
         (
             (LAUNCH, FILES, 'ports = ["network.router"]'),

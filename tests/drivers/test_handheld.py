@@ -339,8 +339,8 @@ def reported_while_lost(bench):
         (lost_and_found, "elsewhere"),
         (silent_and_turned, "elsewhere"),
         (hidden_and_turned, "elsewhere"),
-        (reported_of_a_small_turn, "another reference"),
-        (reported_while_lost, "another reference"),
+        (reported_of_a_small_turn, "frame was reset"),
+        (reported_while_lost, "frame was reset"),
     ],
 )
 def test_an_alignment_is_void_after_a_jump_of_its_reference(kind, held, jumps, words):

@@ -43,7 +43,7 @@ def driver(peer, **options):
 
 
 def wants_enable_again(state):
-    """Return whether this computer stood still for so long that motion ended."""
+    """Return whether this computer stalled for so long that motion ended."""
     return state.link is RobotLink.LIVE and "enable motion again" in state.hold_reason
 
 

@@ -125,7 +125,7 @@ def test_one_whose_library_fails_to_let_go_is_found_again(caplog):
         assert device.released.wait(PATIENCE_S)
         device.plugged.set()
         assert device.connected.wait(PATIENCE_S)
-    assert "was not closed in good order" in caplog.text
+    assert "could not be closed properly" in caplog.text
 
 
 def test_a_missing_device_is_an_error():

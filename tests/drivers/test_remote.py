@@ -163,7 +163,7 @@ def test_what_was_done_while_the_sharing_process_stood_still_counts_for_nothing(
     bench.run(0.5, lambda: seen.append(bench.state))
     assert not [event for event in bench.heard if event.pressed]
     assert not any(any(state.axes) or state.buttons for state in seen)
-    assert any("stood still for" in state.reason for state in seen)
+    assert any("stalled for" in state.reason for state in seen)
     assert (bench.state.link, bench.count("missed_edges")) == (DeviceLink.NEEDS_NEUTRAL, 0)
     bench.move(0.0)
     bench.press(pressed=False)
@@ -601,7 +601,7 @@ def test_a_claim_that_the_giving_back_overtook_takes_nothing():
         message = claim_message(claim(asked_s=asked_s, wanted=wanted))
         share.on_received(received(CLAIM_TYPE, message), 1.0)
     assert share.lessee(1.0) == ""
-    assert share.counts["claims that came twice or late"] == 2
+    assert share.counts["duplicate or late claims"] == 2
     # Another session may claim it at once, by its own clock, and then the first one again.
     for lessee, asked_s, sender in ((6, 0.5, 2), (5, 1.06, 1)):
         for wanted in (True, False):
@@ -625,7 +625,7 @@ def test_claims_that_come_twice_are_counted():
     share = ShareCore("spacemouse", 1)
     for asked_s in (1.0, 1.0, 0.5):
         share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=asked_s))), 1.0)
-    assert share.counts["claims that came twice or late"] == 2
+    assert share.counts["duplicate or late claims"] == 2
 
 
 def test_giving_back_what_one_has_not_is_no_lease():

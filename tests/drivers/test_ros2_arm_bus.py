@@ -132,7 +132,7 @@ def test_nobody_on_dds_is_reported_with_advice():
 
 
 def test_what_does_not_go_with_dds_is_refused():
-    with pytest.raises(ConfigurationError, match=r"port: .* nodes on DDS meet by their domain"):
+    with pytest.raises(ConfigurationError, match=r"port: .* nodes on DDS discover each other"):
         Ros2Arm(transport="dds", port=7447)
     with pytest.raises(ConfigurationError, match="duplicate: DDS gives each message once"):
         RosArmOptions(transport="dds", faults={"duplicate": 0.1, "drop": 0.1})

@@ -599,7 +599,7 @@ def test_rezero_in_silence_takes_the_last_rest(device):
 
 
 def test_rezero_refuses_a_hand(device):
-    with pytest.raises(CommandError, match="has not said"):
+    with pytest.raises(CommandError, match="has not reported"):
         device.core.rezero(device.now_s)
     device.live()
     device.motion(UP, 3)

@@ -520,7 +520,7 @@ def test_feedback_that_it_has_not(usb, open_mouse):
 def test_rezero_reaches_the_core(usb, open_mouse):
     puck = usb(FakePuck("spacemouse-wireless"))
     mouse = open_mouse()
-    with pytest.raises(CommandError, match="has not said"):
+    with pytest.raises(CommandError, match="has not reported"):
         mouse.rezero()
     puck.send(REST, UP)
     with pytest.raises(CommandError, match="let go"):
@@ -684,7 +684,7 @@ def test_raw_usb_is_not_asked_where_hidapi_shows_something(usb, only_usb):
 def test_no_libusb_is_no_obstacle_but_a_loose_plug_is(only_usb):
     only_usb(DriverError("pyusb finds no libusb"))
     assert SpaceMouse.find() == []
-    only_usb(DeviceAccessError("the Compact at 1-2 cannot be asked what it is: plug it in again"))
+    only_usb(DeviceAccessError("the Compact at 1-2 cannot be identified: plug it in again"))
     (row,) = SpaceMouse.find()
     assert (row.transport, row.path) == ("usb", "")
     assert "plug it in again" in row.obstacle

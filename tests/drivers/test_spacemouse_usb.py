@@ -282,7 +282,7 @@ def test_a_device_that_vanishes_while_it_is_looked_at(plug, monkeypatch):
 
     monkeypatch.setattr(FakeLibusb, "get_configuration_descriptor", vanish)
     for vanish.after, words in (
-        (0, r"SpaceNavigator at 1-2 cannot be asked what it is .*: plug it in again"),
+        (0, r"SpaceNavigator at 1-2 cannot be identified .*: plug it in again"),
         (1, r"cannot open SpaceNavigator: 1-2:1\.0: .*Input/Output Error"),
     ):
         looks.clear()

@@ -135,12 +135,12 @@ def test_another_program_is_not_stopped():
 def test_a_program_that_the_controller_does_not_understand_is_named(monkeypatch):
     monkeypatch.setattr(
         "cardan.drivers.ur_rtde.session.program",
-        lambda *a: "def cardan():\n  optimovej([0])\nend\n",
+        lambda *a: "def cardan():\n  modbus_add_signal([0])\nend\n",
     )
     bench = SessionBench().run(0.5)
     bench.session.ask("enable", bench.now_s)
     bench.run(1.0)
-    assert "line 2: optimovej() is not supported" in bench.states[-1].hold_reason
+    assert "line 2: modbus_add_signal() is not supported" in bench.states[-1].hold_reason
 
 
 def test_text_of_a_urcap_during_a_start_is_none_of_its_failures():

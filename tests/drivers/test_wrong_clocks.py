@@ -16,7 +16,7 @@ from tests.fault_benches import (
     Ros2Bench,
     UrBench,
 )
-from tests.fault_pilots import SPEED_M_S
+from tests.fault_scenarios import SPEED_M_S
 from tests.fault_table import FAULTS, measured
 
 FASTEST = 1.05

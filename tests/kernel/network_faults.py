@@ -72,7 +72,7 @@ def held_up(snapshot: Snapshot, name: str) -> bool:
     """True if the emulator was too slow for the session or its supervisor, which is a different
     fault."""
     said = f"{snapshot.arm.message} {snapshot.robot.hold_reason}"
-    return "supervises" in said or ("stood still" in said and name not in GAPS)
+    return "supervises" in said or ("stalled" in said and name not in GAPS)
 
 
 class Course:

@@ -358,7 +358,7 @@ def test_a_robot_that_falls_silent_for_a_moment_is_waited_for(robot, monkeypatch
     assert list(robot.get_observation()) == list(robot.observation_features)
     assert len(looks) == 5
     assert [each.message for each in caplog.records if "silent" in each.message] == [
-        "cardan: stat: the robot is silent, and what was measured is old"
+        "cardan: stat: the robot is silent, and its measurements are old"
     ]
 
 

@@ -54,7 +54,11 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/drivers/test_motoros_trajectory_limiter.py",
     ),
     "cardan/drivers/motoros/agreed_limits.py": ("tests/drivers/test_motoros_agreed_limits.py",),
-    "cardan/drivers": ("tests/drivers", "tests/test_device_faults.py", "tests/test_lost_time.py"),
+    "cardan/drivers": (
+        "tests/drivers",
+        "tests/test_device_faults.py",
+        "tests/test_slip_compensation.py",
+    ),
     "cardan/protocols": ("tests/protocols", "tests/drivers", "tests/sim_peers"),
 }
 """Tests of files by prefix; the first match counts. Each mutant runs those that execute its

@@ -436,7 +436,7 @@ class Lab:
         self.robot: Child | None = None
         self.hand: Child | None = None
         self.server: Child | None = None
-        """``cardan devices spnav``, if the device is behind it."""
+        """``cardan devices spnav``, if the device is read through it."""
         self.daemon: Child | None = None
         self.options: dict[str, Any] = {}
         """Options of the daemon's process."""

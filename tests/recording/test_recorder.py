@@ -400,7 +400,7 @@ def test_a_fault_in_writing_ends_the_record_and_is_said(nobody_is_found, tmp_pat
         monkeypatch.setattr(RecordWriter, "add", lambda *_: [][0])
         recorder._hear(Strange("0/odd/std_msgs::msg::dds_::String_/RIHS01_0"))
         until(lambda: recorder.failed)
-        why = "cannot be written: a fault of this program, IndexError, as its log says"
+        why = "cannot be written: an internal error, IndexError, as its log says"
         assert why in recorder.close().error
 
 

@@ -30,4 +30,4 @@ class BareShell:
     def serve(self, backend: DeviceBackend, timeout_s: float) -> None:
         """Run the loop once."""
         backend.wait(timeout_s)
-        backend.attend(time.monotonic())
+        backend.run_due(time.monotonic())

@@ -104,10 +104,10 @@ class Noting(DeviceBackend):
     def due_s(self):
         return self._own_s
 
-    def attend(self, now_s):
+    def run_due(self, now_s):
         if now_s >= self._own_s:
             self._own_s = math.inf
-            self.note("attend")
+            self.note("run_due")
 
 
 @pytest.fixture
@@ -150,7 +150,7 @@ def test_each_is_served_when_it_is_due(make):
     peer.begin()
     peer.step(65.25)
     peer.begin()
-    assert peer.done == [(0.0, 64.0), (0.5, 64.5), ("attend", 64.75), (1.0, 65.0)]
+    assert peer.done == [(0.0, 64.0), (0.5, 64.5), ("run_due", 64.75), (1.0, 65.0)]
     assert peer.device_s() == 1.25
 
 
@@ -182,7 +182,7 @@ def test_the_device_is_unplugged_after_what_it_sent_and_plugged_before_what_it_s
         (0.0, 64.0),
         (0.5, 64.5),
         ("vanish", 64.5),
-        ("attend", 64.75),
+        ("run_due", 64.75),
         ("appear", 65.0),
         (1.0, 65.0),
     ]
@@ -193,7 +193,7 @@ def test_a_late_peer_makes_no_burst(make):
     peer.step(64.25)
     peer.clock.now_s = 66.0 + 0.5 * STALL_S
     peer.step(0.0)
-    assert peer.done[1:] == [(2.0, 66.01), ("attend", 66.01)]
+    assert peer.done[1:] == [(2.0, 66.01), ("run_due", 66.01)]
 
 
 def test_what_was_unplugged_and_plugged_in_while_the_peer_stood_still_was_gone(make):

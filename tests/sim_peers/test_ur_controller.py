@@ -130,7 +130,7 @@ def test_the_slider_makes_a_program_slower():
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("  optimovej([0])", "line 2: optimovej() is not supported"),
+        ("  modbus_add_signal([0])", "line 2: modbus_add_signal() is not supported"),
         ("  movej([0])", "line 2: movej(): q is [0], which is not 6 joints"),
         ("  while True:\n    n = 1\n  end", "used too much time without instructing the robot"),
         ("  x = y", "y has no value"),
@@ -142,7 +142,7 @@ def test_the_slider_makes_a_program_slower():
         ("  servoj(get_target_joint_positions(), gain=1)", "gain 1 is not 100 to 2000"),
         ("  servoj(get_target_joint_positions(), speed=1)", "has no argument speed"),
         ("  stopj()", "stopj(): a is missing"),
-        ("  x = sync()", "sync() gives no value"),
+        ("  x = sync()", "sync() returns no value"),
         ("  write_output_integer_register(1, 0.5)", "0.5 is not a whole number"),
         ("  x = read_input_integer_register(48)", "there is no register 48"),
         ("  break", "outside of `while`"),

@@ -242,7 +242,7 @@ textmsg("end ", n)"""
         ("x = log(1, 2)", "log()"),
         ('x = to_num("x")', "'x' is not a number"),
         ("x = struct(a=1)\ny = x.b", "there is no member b"),
-        ("def f():\n  sync()\nend\nx = f()", "f() gives no value"),
+        ("def f():\n  sync()\nend\nx = f()", "f() returns no value"),
         ("def f(a):\n  return a\nend\nx = f()", "f(): a is missing"),
         ("movej([0,0,0,0,0,0], a=1, a=2)", "line 2: movej(): a is given twice"),
         ("movej([0,0,0,0,0,0], q=[0,0,0,0,0,0])", "line 2: movej(): q is given twice"),

@@ -737,5 +737,5 @@ def test_time_that_cannot_be_made_up_is_left_out_and_that_is_said_once(world):
         world.run(0.02)
     assert world.controller.frames < 100
     assert [text for text in world.events() if "too slow" in text] == [
-        "this computer is too slow: 1.00 s are left out (what more there is, without a word)"
+        "this computer is too slow: 1.00 s are left out (further ones are not reported)"
     ]

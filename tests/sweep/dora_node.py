@@ -13,7 +13,7 @@ warnings.filterwarnings("ignore", message="dora-rs ROS2 Bridge")
 import dora  # noqa: E402
 
 from tests.sweep.dora_judge import array, short  # noqa: E402
-from tests.sweep.telling import obey, tell  # noqa: E402
+from tests.sweep.line_protocol import obey, tell  # noqa: E402
 
 TIMEOUT_S = 120.0
 PERIOD_S = 0.002

@@ -70,7 +70,7 @@ def own_environment(**more: str) -> dict[str, str]:
 
 
 class Operator(JudgeNode):
-    """A judge that carries out the commands of telling.py and keeps the newest messages that it
+    """A judge that carries out the commands of line_protocol.py and keeps the newest messages
     received."""
 
     def do(self, what: str, **how: Any) -> None:

@@ -10,9 +10,9 @@ import threading
 import time
 
 import rclpy
+from line_protocol import obey, tell
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from telling import obey, tell
 
 WAIT_S = 120.0
 

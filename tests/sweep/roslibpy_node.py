@@ -6,7 +6,7 @@ import time
 
 import roslibpy
 
-from tests.sweep.telling import obey, tell
+from tests.sweep.line_protocol import obey, tell
 
 TIMEOUT_S = 120.0
 

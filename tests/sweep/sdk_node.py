@@ -10,7 +10,7 @@ import time
 
 import numpy
 import zenoh_ros2_sdk
-from telling import obey, tell
+from line_protocol import obey, tell
 from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
 ROUTER = {"router_ip": "127.0.0.1", "router_port": int(sys.argv[1]), "domain_id": 0}

@@ -158,7 +158,7 @@ def deflection_is_never_silent(decoded: ConnexionTraffic) -> Verdict:
 @requires(11, f"{RATE}: three zero pairs, then silence")
 def rest_is_silent(decoded: ConnexionTraffic) -> Verdict:
     """Let go, it sends a few zeros, and then nothing."""
-    some(decoded.phase("push-rest"), "it was never let go")
+    some(decoded.phase("push-rest"), "it was never released")
     rest = decoded.during("rest", "push-rest", "twist-rest")
     talks = [each.number for each in rest if each.is_motion]
     return failed(f"{len(talks)} motion reports at rest", talks) if talks else passed("silent")
@@ -215,7 +215,7 @@ def buttons_are_reported(decoded: ConnexionTraffic) -> Verdict:
     some(decoded.phase("release") and not decoded.refused, "none was pressed")
     down, up = _buttons(decoded.during("press")), _buttons(decoded.during("release"))
     must(down and down[-1], "pressing was not reported")
-    must(up, "letting go was not reported")
+    must(up, "the release was not reported")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
@@ -237,12 +237,12 @@ def the_battery_is_not_empty(decoded: ConnexionTraffic) -> Findings:
 
 
 @requires(17, "the system's HID driver")
-def it_stays(decoded: ConnexionTraffic) -> Verdict:
-    """The device does not go while it is used."""
+def stays_connected(decoded: ConnexionTraffic) -> Verdict:
+    """The device stays connected while it is used."""
     phase = decoded.phase("unplug")
     wrong = [index for index in decoded.lost if phase is None or index < phase.first]
     some(not decoded.refused, "it was never opened")
-    return failed("it went", wrong) if wrong else passed("it stayed")
+    return failed("it disconnected", wrong) if wrong else passed("connected all the time")
 
 
 @requires(18, "cardan.dissect: a second description of the protocol")
@@ -280,4 +280,4 @@ def unplugging_is_reported(decoded: ConnexionTraffic) -> Verdict:
     gone = [] if phase is None else [index for index in decoded.lost if index >= phase.first]
     some(gone, "it was not unplugged")
     after = [each.number for each in decoded.reports if each.number > gone[0]]
-    return failed("reports come from what is gone", after) if after else passed("reported")
+    return failed("reports come from the unplugged device", after) if after else passed("reported")

@@ -395,7 +395,7 @@ def the_program_is_said_to_run(decoded: EgmTraffic) -> Findings:
 def an_arm_that_is_held_stands(decoded: EgmTraffic) -> Verdict:
     """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
     found = [each for each in _hold(decoded) if each.running]
-    some(len(found) >= ENOUGH, "the MCI ran too shortly")
+    some(len(found) >= ENOUGH, "the MCI ran too briefly")
     first = found[0]
     far_m = max(distance(first.position, each.position) for each in found)
     far_rad = max(distance(first.joints, each.joints) for each in found)

@@ -67,7 +67,7 @@ ANSWERS: Over[EgmTraffic, SensorDatagram] = Over(lambda decoded: decoded.answers
 
 
 class Pair(NamedTuple):
-    """A datagram of ours, and the answers before the next one."""
+    """A datagram of the suite, and the answers before the next one."""
 
     robot: Robot
     answers: list[SensorDatagram]
@@ -131,7 +131,7 @@ def answers_have_their_type(answer: SensorDatagram) -> str:
 
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
 def answers_count_up_by_one(decoded: EgmTraffic) -> Findings:
-    """seqno goes up by one from message to message; it may begin anew with a run."""
+    """seqno goes up by one from message to message; it may restart with a run."""
     for one, other in _neighbors(decoded):
         a, b = one.message.header, other.message.header
         if a is None or b is None or a.seqno is None or b.seqno is None:
@@ -268,7 +268,7 @@ def it_follows_while_commands_do_not_act(decoded: EgmTraffic) -> Findings:
 
 @requires(
     112,
-    f"{SCHEMA}: whatever comes to a UDP port; ABBRobotEGM ended at it",
+    f"{SCHEMA}: any datagram may come to a UDP port; ABBRobotEGM ended at one",
     unless=_ended_before("junk"),
 )
 def junk_does_not_end_it(decoded: EgmTraffic) -> Verdict:
@@ -280,7 +280,9 @@ def junk_does_not_end_it(decoded: EgmTraffic) -> Verdict:
 
 
 @requires(
-    113, f"{SCHEMA}, EgmHeader.seqno: old datagrams are none to act on", unless=_ended_before("old")
+    113,
+    f"{SCHEMA}, EgmHeader.seqno: old datagrams must have no effect",
+    unless=_ended_before("old"),
 )
 def old_datagrams_are_not_answered(decoded: EgmTraffic) -> Verdict:
     """A datagram that is old, or comes again, is not answered."""
@@ -292,7 +294,7 @@ def old_datagrams_are_not_answered(decoded: EgmTraffic) -> Verdict:
     inside = decoded.within(decoded.answers, "old")
     # The echoed tm identifies the answered datagram, however late.
     wrong = [e.number for e in inside if e.message.header and e.message.header.tm_ms in twice]
-    must(not wrong, f"{len(wrong)} answers to what came twice", wrong)
+    must(not wrong, f"{len(wrong)} answers to duplicates", wrong)
     fresh = len({each.seqno for each in decoded.during("old")})
     said = f"{len(inside)} answers to {fresh} new datagrams"
     # The last answer before may have been late.

@@ -12,7 +12,7 @@ from cardan.conform.timeline import Kind, WireEvent
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 
 FIRST, SECOND = "first", "second"
-"""Ports of ours: the controller's before and after its restart."""
+"""Ports of the suite: the controller's before and after its restart."""
 SILENT_S = 1.0
 STOPPED_S = 0.4
 SETTLE_S = 0.1

@@ -25,7 +25,7 @@ B = TypeVar("B")
 
 
 class MotorosExchange(NamedTuple):
-    """A request of ours, and the next message on its wire."""
+    """A request of the suite, and the next message on its wire."""
 
     number: int
     time_s: float

@@ -263,7 +263,7 @@ def _refused(decoded: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
 
 @requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
 def unknown_types_are_refused(decoded: MotorosTraffic) -> Verdict:
-    """A type that nobody knows is answered INVALID with 3003."""
+    """An unknown type is answered INVALID with 3003."""
     return _refused(decoded, UNKNOWN_TYPE, codes.InvalidSubcode.MSGTYPE)
 
 
@@ -311,7 +311,7 @@ def inputs_and_outputs_are_read(decoded: MotorosTraffic) -> Verdict:
     return met(right and good.value in (0, 1), said, [found[-1].number])
 
 
-@requires(111, "RFC 9293: TCP keeps no borders of messages; MotionServer.c loses torn ones")
+@requires(111, "RFC 9293: TCP keeps no message boundaries; MotionServer.c loses split ones")
 def torn_messages_are_understood(decoded: MotorosTraffic) -> Verdict:
     """A PING that arrives in two pieces is answered as one that arrives whole."""
     found = decoded.exchanges("pieces")

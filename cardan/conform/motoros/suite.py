@@ -29,6 +29,6 @@ class MotorosSuite(Suite[MotorosTraffic]):
     # The functional safety unit's limit must lie below the speed of a micro-motion.
     fault_test_values: ClassVar[Mapping[str, float]] = {"fsu": 0.001}
     undetectable_faults: ClassVar[Mapping[str, str]] = {
-        "merge": "TCP keeps no borders of writes: a reader cannot tell one write of two messages "
-        "from two writes that it read at once",
+        "merge": "TCP keeps no boundaries of writes: a reader cannot tell one write of two "
+        "messages from two writes that it read at once",
     }

@@ -235,7 +235,7 @@ def _answered_lately(said: Said, messages: list[Said]) -> bool:
     return bool(before) and said.time_s - before[-1] < STOPPED_WITHIN_S
 
 
-@requires(111, f"{CONTROLLER}: hold, for one, does not let a job be started")
+@requires(111, f"{CONTROLLER}: HOLD, for example, prevents the start of a job")
 def a_refused_start_is_taken_for_one(decoded: DriverTraffic) -> Verdict:
     """Neither points nor speeds follow a start of motion that is answered NOT_READY."""
     found = decoded.during("refused")
@@ -357,7 +357,7 @@ def _with_next(decoded: DriverTraffic, result: R) -> list[tuple[Said, Said | Non
 
 @requires(126, f"{SERVER}: BUSY, the point is not taken; {CLIENT}: the same is sent again")
 def a_busy_point_is_sent_again(decoded: DriverTraffic) -> Findings:
-    """A point that is answered BUSY is the next one that is sent, unless motion begins anew."""
+    """A point that is answered BUSY is the next one that is sent, unless motion is restarted."""
     busy = _with_next(decoded, R.BUSY)
     some(busy or not decoded.points, "no point was answered BUSY")
     for each, after in busy:
@@ -492,7 +492,7 @@ def speeds_are_within_the_arm(each: SaidSpeeds) -> str:
 
 @requires.each(
     145,
-    f"{VELOCITY}: the newest command wins; nobody stands still at another one",
+    f"{VELOCITY}: the newest command wins; there is no queue",
     replace(SPEEDS, good="{} streams"),
 )
 def a_stream_begins_at_rest(each: SaidSpeeds) -> str | None:
@@ -600,7 +600,7 @@ def it_does_not_start_by_itself(decoded: DriverTraffic) -> Verdict:
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
-@requires(157, f"{STATES}: a cycle every 25 ms; without states nobody sees what the arm does")
+@requires(157, f"{STATES}: a cycle every 25 ms; without states the arm's motion is unobserved")
 def without_states_it_stops(decoded: DriverTraffic) -> Verdict:
     """When the state port falls silent, no motion is commanded from 0.3 s on."""
     phases = decoded.named("silence")
@@ -661,7 +661,7 @@ def _came_again(decoded: DriverTraffic, what: str, port: str) -> Verdict:
     for phase in firsts:
         end = max(p.end for p in phases if p.name.startswith(phase.name))
         if not any(e.port == port and phase.first < e.number < end for e in decoded.links):
-            wrong.append((phase.first, "it did not come again"))
+            wrong.append((phase.first, "it did not reconnect"))
     inside = decoded.during(what, f"{what} over")
     wrong += [(e.number, f"command {e.command}") for e in inside if e.command in MOVING]
     return none_wrong(wrong, len(firsts), f"{len(firsts)} of them")
@@ -673,7 +673,7 @@ def it_comes_again(decoded: DriverTraffic) -> Verdict:
     return _came_again(decoded, "cut", "motion")
 
 
-@requires(161, f"{MANUAL}: a stream that cannot be cut any more must be closed")
+@requires(161, f"{MANUAL}: a stream that has lost its framing must be closed")
 def junk_ends_the_connection_only(decoded: DriverTraffic) -> Verdict:
     """Bytes on the state port that are no message end that connection, not the client: it connects
     again, and does not start motion by itself."""
@@ -695,7 +695,7 @@ def messages_in_pieces_are_read(decoded: DriverTraffic) -> Verdict:
     return none_wrong(wrong, len(phases), f"{len(phases)} of them")
 
 
-@requires(163, f"{STATES}, {SERVER}: after power-up the ports are there anew")
+@requires(163, f"{STATES}, {SERVER}: after power-up the ports are open again")
 def a_restart_is_followed(decoded: DriverTraffic) -> Findings:
     """After a restart of the controller it connects again, to both ports."""
     phases = decoded.named("connect")[1:]
@@ -744,7 +744,7 @@ def it_leaves_the_mode(decoded: DriverTraffic) -> Findings:
     return Words("{} of them", _NOT_ENDED)
 
 
-@requires(303, f"{SERVER}: one client at a time, and nothing but TCP shows that it has gone")
+@requires(303, f"{SERVER}: one client at a time, and only TCP shows that it has gone")
 def it_closes_its_connections(decoded: DriverTraffic) -> Verdict:
     """When the program ends, its connections are closed."""
     phases, wrong = decoded.named("end"), []

@@ -97,7 +97,7 @@ class MotorosDriverSimulation(DriverSimulation):
         if not self._faults:
             self._session.received(kind, data, self._now_s)
             return
-        if self._defects.overlooked(data):
+        if self._defects.ignores_read(data):
             return
         reader = self._readers.setdefault(channel, framing.FrameReader())
         reader.feed(data)

@@ -24,7 +24,7 @@ RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
 PRIMARY, SECONDARY, REALTIME = "primary", "secondary", "realtime"
 """The client interfaces."""
 REVERSE = "reverse"
-"""A port of ours, to which a program of ours connects."""
+"""Port of the suite, to which its program on the controller connects."""
 TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
 """The first register write of a program, with the token that shows that it runs."""
 _OF_A_VERSION = frozenset((rtde.PacketType.OUTPUTS, rtde.PacketType.DATA, rtde.PacketType.TEXT))
@@ -52,7 +52,7 @@ class ReceivedPacket(NamedTuple):
 
 
 class RtdeExchange(NamedTuple):
-    """A request of ours, and its reply."""
+    """A request of the suite, and its reply."""
 
     number: int
     time_s: float

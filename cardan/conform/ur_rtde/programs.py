@@ -126,7 +126,7 @@ def what_a_client_had_is_free_when_it_goes(decoded: UrTraffic) -> Verdict:
     return met(reply.recipe != 0, said, [exchange.number])
 
 
-@requires(105, "RFC 9293: TCP keeps no borders of packets")
+@requires(105, "RFC 9293: TCP keeps no packet boundaries")
 def torn_requests_are_understood(decoded: UrTraffic) -> Verdict:
     """A request that arrives in two pieces is answered as one that arrives whole."""
     found = some(decoded.exchanges(PacketType.CONTROLLER_VERSION, "pieces"), "none was sent")
@@ -381,7 +381,7 @@ def an_order_ends_the_program(decoded: UrTraffic) -> Verdict:
     return met(ended, said, [state.number])
 
 
-@requires(119, f"{CLIENT}: a program takes the place of the one that runs")
+@requires(119, f"{CLIENT}: a program replaces the running one")
 def a_program_replaces_another(decoded: UrTraffic) -> Verdict:
     """A program that is sent while another runs takes its place."""
     begun, found = _programs(decoded, "replace"), _programs(decoded, "replaced")
@@ -483,9 +483,9 @@ def deserted_in_motion_it_stops(decoded: UrTraffic) -> Verdict:
     )
 
 
-@requires(207, f"{SCRIPT}: servoj; a program begun anew starts where the arm is", unless=_unmoved)
+@requires(207, f"{SCRIPT}: servoj; a restarted program begins where the arm is", unless=_unmoved)
 def it_comes_back(decoded: UrTraffic) -> Verdict:
-    """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
+    """Restarted, the program takes the joint back to where it was, to a tenth of the step."""
     there, back = decoded.during("out"), decoded.during("back")
     some(decoded.sent_during("back") and back, _NONE_FOLLOWED)
     left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
@@ -602,7 +602,7 @@ def runtime_exceptions_are_reported(decoded: UrTraffic) -> Verdict:
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")
 def programs_open_sockets(decoded: UrTraffic) -> Verdict:
-    """A program opens a socket to a port of ours, sends a line, and hears what is answered."""
+    """A program opens a socket to a port of the suite, sends a line, and receives the answer."""
     found = _begun(decoded, "call", CALLS)
     came = any(event.kind is Kind.OPENED for _, event in decoded.called)
     must(came, "it did not come", [found.number])
@@ -611,7 +611,7 @@ def programs_open_sockets(decoded: UrTraffic) -> Verdict:
     must(line.strip() == wanted, f"it sent {line!r}", [number])
     texts = decoded.messages(MessageKind.TEXT, during=("call",))
     heard = any(ANSWER in each.text for each in texts)
-    must(heard, "it did not hear the answer", [number])
+    must(heard, "it did not receive the answer", [number])
     return passed("it did")
 
 

@@ -87,7 +87,7 @@ OLD_OUTPUTS = ("timestamp", "actual_q")
 RECIPE_NAMES = 64
 """Published variables per request."""
 REVERSE_PORT = 50010
-"""A port of ours, to which a program opens a socket."""
+"""Port of the suite, to which a program opens a socket."""
 NONSENSE = "cardan has no such request"
 
 STEP_RAD = math.radians(0.2)

@@ -9,7 +9,7 @@ MOTORS_OFF = "the motors are off"
 RAPID_STOPPED = "the RAPID program is stopped"
 EGM_ERROR = "EGM reports an error"
 EGM_STOPPED = "EGM is stopped: positions are only streamed"
-EGM_UNDEFINED = "the controller does not say that EGM runs"
+EGM_UNDEFINED = "the controller does not report that EGM runs"
 
 ADVICE = {
     FIRST_ANSWER: "commands act from the next answer on",

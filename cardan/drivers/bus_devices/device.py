@@ -57,7 +57,7 @@ class Rumbler:
         self._publisher = publisher
         self._shown = self._again_s = 0.0
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Send what is due."""
         if self.level != self._shown or (self.level and now_s >= self._again_s):
             self._show(self.level)
@@ -188,7 +188,7 @@ class BusMixin(ReaderMixin[C]):
         """Do the reader's periodic work."""
         if self._rumbler is not None:
             self._rumbler.level = self._level
-            self._rumbler.attend(time.monotonic())
+            self._rumbler.run_due(time.monotonic())
 
     def _release(self) -> None:
         rumbler, self._rumbler = self._rumbler, None

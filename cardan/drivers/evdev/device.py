@@ -109,7 +109,7 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
         except OSError as error:
             link.close()
             raise DeviceAccessError(
-                f"the {self._kind} does not say what it is: {error.strerror or error}"
+                f"the {self._kind} does not identify itself: {error.strerror or error}"
             ) from None
         except DriverError:
             link.close()

@@ -88,7 +88,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
     def diagnosis(self) -> tuple[str, ...]:
         words = super().diagnosis()
         if self._rumble_failures:
-            words += (f"{self._rumble_failures} times the pad refused to rumble",)
+            words += (f"{self._rumble_failures} rumble commands that the gamepad refused",)
         return words
 
     def _feedback(self, feedback: DeviceFeedback) -> None:

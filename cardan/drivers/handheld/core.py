@@ -84,8 +84,8 @@ class HandheldCore(BusCore):
 
     _counters: ClassVar[Mapping[str, str]] = {
         "silences": "silences of the page",
-        "late": "frames that came twice or late, ignored",
-        "old": "frames that were too long on their way, ignored",
+        "late": "duplicate or late frames, ignored",
+        "old": "frames that the network delayed too much, ignored",
         "jumps": "jumps of the tracking",
         "others": "frames of a second page on the same topic, ignored: close one of the two",
     }
@@ -212,7 +212,7 @@ class HandheldCore(BusCore):
         if before is None:
             return ""
         if reading.reference != before.reference:
-            why = "the page has another reference"
+            why = "the page's reference frame was reset"
         elif interrupted:
             # The device or its reference has moved; which of them is unknown.
             if elsewhere(before.sample, reading.sample):
@@ -339,7 +339,7 @@ class XrCore(HandheldCore):
     """A controller or the viewer of a WebXR session."""
 
     kind = "xr"
-    no_sensor = "the device has no place"
+    no_sensor = "the device reports no position"
     to_align = (
         "point along the robot's x axis, and press the stick or touchpad (of a phone: "
         "Align on the page)"

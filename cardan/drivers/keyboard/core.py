@@ -98,11 +98,11 @@ class KeyboardCore(EvdevCore):
             self._aim(now_s)
         elif pressed and self._grabs and code == GIVE_BACK:
             self._given_back = True
-            reason = "the keyboard was given back with Esc: press F12 to take it again"
+            reason = "the keyboard was released with Esc: press F12 to grab it again"
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
         elif pressed and self._grabs and code == TAKE_AGAIN and self._given_back:
             self._given_back = False
-            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, "the keyboard was taken again", now_s)
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, "the keyboard is grabbed again", now_s)
 
     def _drop_input(self, now_s: float) -> None:
         super()._drop_input(now_s)

@@ -97,7 +97,7 @@ _FAILURES: Mapping[int, str] = {
         "look at the pendant for an alarm, and whether the job INIT_ROS is there and starts"
     ),
     MotionCommand.STOP_TRAJ_MODE: (
-        "points are still queued; wait until they have been played, or stop the motion first"
+        "points are still queued; wait until they have been executed, or stop the motion first"
     ),
     MotionCommand.DISCONNECT: (
         "points are still queued, so the connection stays; stop the motion first"

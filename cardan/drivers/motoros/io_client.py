@@ -191,7 +191,8 @@ class IoExchange:
         frame = reader.take()
         if reader.failure:
             raise IoConnectionError(
-                f"the I/O port sent what is not a message: {reader.failure}; is the byte order "
+                f"the I/O port sent data that is not a message: {reader.failure}; is the byte "
+                "order "
                 f"{reader.byte_order and reader.byte_order.name.lower()}?"
             )
         if frame is None:

@@ -297,7 +297,7 @@ class Trajectory(MotorosMotion):
             self.unexplained = True
             return False
         if now_s >= self._give_up_s:
-            self.ended = "the robot did not come to rest, so no trajectory could be begun"
+            self.ended = "the robot did not come to rest, so no trajectory could be started"
             self.unexplained = True
         return False
 

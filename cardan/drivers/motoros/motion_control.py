@@ -223,7 +223,7 @@ class MotionControl:
             self._reading_until_s = now_s + READING_S
         self._advanced_s = now_s
         if self.phase is MotionPhase.MOVING and paused_s > STALL_S:
-            self.over(f"this computer stood still for {paused_s:.2f} s", now_s)
+            self.over(f"this computer stalled for {paused_s:.2f} s", now_s)
         self.failure = self.requests.overdue(now_s)
         if self.failure:
             return

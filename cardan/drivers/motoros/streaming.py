@@ -135,7 +135,7 @@ class PointStream(Trajectory):
             self._renewing = False
             self._rest_points = 0
             self._phase = _Phase.RESTING
-            self._wait_for_rest("a new trajectory is being begun", self._played_s)
+            self._wait_for_rest("a new trajectory is being started", self._played_s)
             return True
         self._renewing = self._time_ms >= LAST_TIME_MS
         return False
@@ -153,7 +153,7 @@ class PointStream(Trajectory):
             return
         self._guide.reset(tuple(self._guide.reference))
         self._phase = _Phase.RESTING
-        self._wait_for_rest("the stream had run empty, a new one is being begun", now_s)
+        self._wait_for_rest("the stream ran empty, a new one is being started", now_s)
 
     def settled(self, now_s: float) -> bool:
         still = not self._guide.moving and self._phase is not _Phase.SENDING
@@ -209,7 +209,8 @@ class PointStream(Trajectory):
             self._shorter_s = now_s
         elif count and now_s - self._shorter_s > STANDS_STILL_S:
             self.ended = (
-                f"the controller plays nothing of its queue ({count} increments): a speed limit of "
+                f"the controller executes nothing of its queue ({count} increments): a speed "
+                "limit of "
                 "the safety unit, or a stop that its status does not show"
             )
             return

@@ -132,7 +132,7 @@ class JointTrajectoryLimiter(JointLimiter):
             if forward is not None:
                 check_numbers("velocities", forward, JOINT_VELOCITY, len(self._axes))
             if command.external_axes:
-                raise CommandError("external_axes: the guide has none")
+                raise CommandError("external_axes: the trajectory limiter supports none")
             if dt_s >= SHORTEST_STEP_S:
                 self.track(command.positions, forward, min(dt_s, LONGEST_STEP_S))
         elif isinstance(command, JointVelocityCommand):

@@ -76,8 +76,8 @@ class RemoteCore(BusCore):
 
     _counters: ClassVar[Mapping[str, str]] = {
         "silences": "times that no state was recent enough",
-        "late": "states that came twice or late, ignored",
-        "old": "states that were too long on their way, ignored",
+        "late": "duplicate or late states, ignored",
+        "old": "states that the network delayed too much, ignored",
         "back": "states whose stamp went back, ignored",
         "future": "states with a stamp in the future, ignored",
         "old_presses": "presses that were too old, ignored until released",

@@ -43,7 +43,8 @@ class RemoteOptions(NodeOptions):
             self.playout_ms < 1e3 * self.max_age_s,
             "playout_ms",
             self.playout_ms,
-            f"less than max_age_s, {1e3 * self.max_age_s:g} ms: what waits grows old",
+            f"less than max_age_s, {1e3 * self.max_age_s:g} ms: states age while they wait in "
+            "the buffer",
         )
         require("/" not in self.device, "device", self.device, "a name without /")
         require_name("device", self.device, self.topic)

@@ -470,7 +470,8 @@ def _matrix(values: Sequence[float]) -> Matrix3:
 def _check_version(message: Message) -> None:
     if message["version"] != VERSION:
         raise UnusableError(
-            f"of version {message['version']}, where this Cardan speaks {VERSION}: have the same "
+            f"of version {message['version']}, where this Cardan speaks {VERSION}: install the "
+            "same "
             "one on both computers"
         )
 

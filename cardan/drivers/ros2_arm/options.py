@@ -74,7 +74,7 @@ class Ros2ArmOptions(NodeOptions):
             self.transport == "zenoh" or not self.port,
             "port",
             self.port,
-            "0, as nodes on DDS meet by their domain",
+            "0, since nodes on DDS discover each other by their domain",
         )
         for key in ("states_topic", "command_topic", "description_topic", "name"):
             given = getattr(self, key)

@@ -195,7 +195,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             return None
         sender = self._heard(attachment.gid, message, now_s)
         if sender is None:
-            self.ignored["joint states of another publisher than the one that counts"] += 1
+            self.ignored["joint states of another publisher than the one in use"] += 1
             return None
         if not known:
             missing = self._ours.difference(names)
@@ -211,9 +211,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         stamp_ns = stamp["sec"] * NS + stamp["nanosec"]
         if attachment.sequence > sender.sequence:
             if 0 < stamp_ns == sender.stamp_ns:
-                self.ignored[
-                    "joint states with the stamp of those before: the robot is frozen"
-                ] += 1
+                self.ignored["joint states with an unchanged stamp: the robot is frozen"] += 1
                 return None
             if sender.stamp_ns > stamp_ns > 0:
                 self._numbered += 1

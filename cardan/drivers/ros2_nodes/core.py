@@ -49,7 +49,7 @@ class BusCore(DeviceCore):
 
     _counters: ClassVar[Mapping[str, str]] = {
         "silences": "silences of the node",
-        "late": "messages that came twice or late, ignored",
+        "late": "duplicate or late messages, ignored",
         "others": "messages of a second node on the same topic, ignored: end one of the two",
     }
 

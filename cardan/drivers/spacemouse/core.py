@@ -183,7 +183,7 @@ class SpaceMouseCore(DeviceCore):
         Raises CommandError unless the cap rests: silent, or constant for `DRIFT_AFTER_S`.
         """
         if self._split is None or not self._open:
-            raise CommandError("cannot re-zero: the device has not said where its cap is")
+            raise CommandError("cannot re-zero: the device has not reported its cap's position")
         silent = not self._active and now_s - self._motion_s > self._stale_after_s
         if not (silent or self._drift.drifting):
             raise CommandError(

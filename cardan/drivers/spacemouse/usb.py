@@ -51,7 +51,7 @@ class UsbTransport(Transport):
                 if error.errno == errno.ENODEV:
                     continue  # It is just being plugged in or out.
                 failures.append(
-                    f"the {model.name} at {_port_of(device)} cannot be asked what it is "
+                    f"the {model.name} at {_port_of(device)} cannot be identified "
                     f"({error.strerror or error}): plug it in again"
                 )
         if failures and not found:

@@ -299,10 +299,10 @@ class SpnavCore(DeviceCore):
             "silences": f"silences of more than {self._options.stale_after_s:g} s while deflected",
             "repeats": "motions that the daemon repeated by itself, ignored: set repeat-interval "
             "= -1 in its spnavrc",
-            "superseded": "motions that had waited until newer ones were there, ignored",
-            "malformed_records": "records from the daemon that mean nothing, ignored",
+            "superseded": "motions that newer ones had already replaced, ignored",
+            "malformed_records": "invalid records from the daemon, ignored",
             "unanswered_requests": "requests that the daemon did not answer",
-            "unasked_replies": "answers that nothing was asked for, ignored",
+            "unasked_replies": "unrequested answers, ignored",
         }
 
     def protocol_errors(self) -> dict[str, int]:

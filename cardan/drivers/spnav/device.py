@@ -164,7 +164,7 @@ class Spnav(ReadDevice[SpnavCore]):
             out_of_step = self._core.out_of_step
         self._notify()
         if out_of_step:
-            raise OSError(errno.EPROTO, "what the daemon sends means nothing")
+            raise OSError(errno.EPROTO, "the daemon sends invalid data")
         for piece in output:
             sock.sendall(piece)
 

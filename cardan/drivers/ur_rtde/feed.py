@@ -309,7 +309,7 @@ class RtdeFeed:
                 f"it does not know {', '.join(unknown)}: its software is too old, or set "
                 'registers = "lower"'
             )
-        return f"it refuses the states that are asked for{self._remark}"
+        return f"it refuses the requested states{self._remark}"
 
     @property
     def _remark(self) -> str:

@@ -22,8 +22,12 @@ RATE_HZ = Range(
 LOOKAHEAD_S = Range(0.03, 0.2, "s", "servoj takes no other")
 GAIN = Range(100, 2000, "", "servoj takes no other")
 WATCHDOG_S = Range(0.02, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s moves 12 cm unobserved")
-STOP_RAD_S2 = Range(0.5, 40.0, "rad/s²", "a harder stop than the joints can, or none to speak of")
-FOLLOWING_RAD = Range(0.02, 2.0, "rad", "an arm in good order lags by that, or is not obeying")
+STOP_RAD_S2 = Range(
+    0.5, 40.0, "rad/s²", "more than the joints can brake, or too little to stop the arm"
+)
+FOLLOWING_RAD = Range(
+    0.02, 2.0, "rad", "a working arm lags by as much; with more lag it does not follow"
+)
 REQUEST_TIMEOUT_S = Range(0.05, 10.0, "s", "a controller that answers later counts as lost")
 START_TIMEOUT_S = Range(1.0, 120.0, "s", "power is on and the brakes are released sooner")
 

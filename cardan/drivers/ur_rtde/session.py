@@ -364,7 +364,7 @@ class UrSession(TcpSession[Channel, Task]):
         elif values.robot_mode != _RUNNING:
             why = f"{mode_words(values.robot_mode)}: motion has ended"
         elif values.token != self._token:
-            why = "another program has the registers"
+            why = "another program uses the registers"
         elif values.report != _FOLLOWS:
             why = ENDS.get(values.report, "the program at the controller has ended")
         elif values.runtime_state != _PLAYING:

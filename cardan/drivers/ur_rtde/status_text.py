@@ -32,7 +32,7 @@ SAFETY: Final[Mapping[int, str]] = {
 }
 
 MODES: Final[Mapping[int, str]] = {
-    RobotMode.NO_CONTROLLER: "the controller does not run",
+    RobotMode.NO_CONTROLLER: "the controller is not running",
     RobotMode.DISCONNECTED: "the controller has no connection to its arm",
     RobotMode.CONFIRM_SAFETY: "the safety configuration has to be confirmed at the pendant",
     RobotMode.BOOTING: "the arm is starting",

@@ -41,14 +41,14 @@ def is_stale(name: str, waited_s: float) -> bool:
 
 def stale_words(name: str, waited_s: float) -> str:
     """Return why a stale call or goal is refused."""
-    return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
+    return f"{name}: it waited here for up to {waited_s:.1f} s; commands that old are not executed"
 
 
 def late_words(waited_s: float) -> str:
     """Return why a streamed command that waited for longer than STREAMED_S is refused."""
     return (
-        f"it waited for {waited_s:.2f} s on its way; more than {STREAMED_S:g} s is too late to act "
-        "on"
+        f"it waited for {waited_s:.2f} s on its way; commands older than "
+        f"{STREAMED_S:g} s are not executed"
     )
 
 
@@ -115,7 +115,7 @@ class Delays:
         command, s; 0 for a first. `retained`: a sender that is not dropped in favor of others."""
         known = self._quickest.pop(owner, None)
         if known is None or now_s - known.heard_s > FORGOTTEN_S:
-            # Between a program without a name, which is this one, and the arm there is no queue.
+            # No owner means this program, which has no queue between itself and the arm.
             unproven_s = now_s if owner else math.inf
             known = _Quickest(now_s, math.inf, math.inf, now_s, unproven_s, (stamp_s, now_s))
         began_s, quickest_s, before_s, heard_s, unproven_s, anchor, _ = known
@@ -142,7 +142,7 @@ class Delays:
         return waited_s
 
     def late(self, owner: Hashable) -> str:
-        """Return why the newest command of a sender is too late to act on; empty if it is not."""
+        """Return why the newest command of a sender is too old to execute; empty if it is not."""
         known = self._quickest.get(owner)
         if known is None:
             return ""

@@ -404,7 +404,7 @@ class ArmController:
         if self.waits_for_rearming:
             return self._separation_reason
         if self.recovering:
-            return f"coming back to the arm, {self._trip_reason}"
+            return f"resynchronizing with the robot, {self._trip_reason}"
         return ""
 
     def begin(self, motion: CommandedMotion) -> None:

@@ -116,7 +116,7 @@ class CartesianDevice(CartesianArm):
 
     def close(self) -> None:
         """Brake to rest, give up the authority, end the loop and close the driver. Never raises;
-        twice is fine."""
+        idempotent."""
         thread = self._thread
         if thread is None:
             return
@@ -144,7 +144,7 @@ class CartesianDevice(CartesianArm):
         link, why = self._link, "the loop that drives the arm has ended"
         try:
             for _ in ArmLoop(self.robot, self.verbs.controller, self.device).cycles():
-                link.attend()
+                link.run_due()
                 if self._closing.is_set():
                     break
         except Exception as error:

@@ -33,7 +33,7 @@ class CartesianArm(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Brake to rest and end the loop. Never raises; twice is fine."""
+        """Brake to rest and end the loop. Never raises; idempotent."""
 
     __enter__ = enter
     __exit__ = leave

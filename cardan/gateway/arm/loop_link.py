@@ -19,7 +19,7 @@ POLL_S = 0.05
 class LoopLink:
     """Link between the loop that drives an arm and the threads that wait for its effects.
 
-    The loop calls `begin`, `attend` once a cycle, and `end`; all else is for other threads.
+    The loop calls `begin`, `run_due` once a cycle, and `end`; all else is for other threads.
     """
 
     def __init__(self) -> None:
@@ -36,8 +36,8 @@ class LoopLink:
         self._why_not = ""
         give_up_in_children(self)
 
-    def attend(self) -> None:
-        """Run the errands and wake waiting threads; cheap if there are none."""
+    def run_due(self) -> None:
+        """Run the functions queued by other threads and wake waiting threads; cheap if none."""
         while self._errands:
             errand, answer = self._errands.popleft()
             try:

@@ -98,7 +98,7 @@ class RemoteArm(CartesianArm):
                 self._ended, self._rests = NOT_OPEN, True
 
     def close(self) -> None:
-        """Disconnect. Never raises; twice is fine."""
+        """Disconnect. Never raises; idempotent."""
         disconnect, self._disconnect = self._disconnect, None
         if disconnect is not None:
             disconnect()

@@ -123,7 +123,7 @@ class ArmEvent(enum.Enum):
     UNREADY = "the robot is silent or not ready"
     FORGOTTEN = "all motion is discarded: the robot's position after its return is unknown"
     RETURNED = "the robot is ready again while its readings are rejected"
-    JUMPED = "the robot was measured where it cannot be"
+    JUMPED = "the measured position is implausible"
     PLAUSIBLE = "re-arming accepts the readings"
     PLACED = "the command was placed where the robot is, at the speed that it has"
     INVALID = "a command that is beyond a limit was not sent"

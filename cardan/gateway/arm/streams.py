@@ -238,8 +238,8 @@ class Streams:
             waited_s = controller.stamp_s - sender.heard_s
             if waited_s > motion.silence_s:
                 raise MotionRefusedError(
-                    f"{verb}: it waited for {waited_s:.2f} s until it was planned; that is too "
-                    "late to act on"
+                    f"{verb}: it waited for {waited_s:.2f} s until it was planned; commands that "
+                    "old are not executed"
                 )
             self._aim_at(motion, target, sender)
 

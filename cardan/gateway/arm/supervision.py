@@ -75,7 +75,7 @@ class Cause(enum.Enum):
     RETURNED = "the robot is ready again"
     NEW_SESSION = "the controller started a new session"
     STALLED = "no state came in time, though the robot is heard"
-    JUMPED = "the robot was measured where it cannot be"
+    JUMPED = "the measured position is implausible"
     ALARM = "the driver reports an alarm: the robot must not be driven"
     HELD = "the robot is not where it is commanded to be"
     SILENT = "the source of the stream fell silent"
@@ -175,7 +175,7 @@ class Supervision:
         if began:
             return StopReason(Cause.RETURNED, "")
         if self.gap_s > self.watchdogs.stall_s:
-            stood = f"this computer or the network stood still for {self.gap_s:.1f} s"
+            stood = f"this computer or the network stalled for {self.gap_s:.1f} s"
             return StopReason(Cause.STALLED, stood)
         return None
 

@@ -791,7 +791,7 @@ class ArmVerbs:
         robot = self.controller.robot
         if plan_epoch != self.controller.plan_epoch or robot is None or not robot.ready:
             why = self.controller.not_ready or self._voided or "the robot is not ready"
-            raise MotionRefusedError(f"overtaken while it was planned: {why}")
+            raise MotionRefusedError(f"superseded while it was planned: {why}")
         self._require_authority(verb, source)
 
 

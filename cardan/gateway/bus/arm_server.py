@@ -367,7 +367,7 @@ class ArmServer:
             action.tell(now, now_ns)
 
     def offer(self, client: Any, packet: Any) -> None:
-        """Pass on a client's further work. From any thread."""
+        """Queue another packet of a client. From any thread."""
         self._offer(client, packet, self.now_s)
 
     def key_end(self, type_name: str) -> str:
@@ -478,7 +478,7 @@ PUBLISHED_S = 0.05
 then, as by a server for a client without stamps: it does not show how long the client kept the
 message."""
 
-NO_STAMP = "its stamp is zero: it counts as sent when it came"
+NO_STAMP = "its stamp is zero: it counts as sent when it arrived"
 
 
 class _TopicClient:
@@ -541,7 +541,8 @@ class _TopicClient:
             raise PacketError(str(error), number) from error
         if self._streamed and not source.stream(sender.key, server.now_s):
             why = MotionRefusedError(
-                f"{command.verb}: another publisher of {source.name!r} streams; one at a time can"
+                f"{command.verb}: another publisher of {source.name!r} streams; only one at a "
+                "time may"
             )
             server.contest(str(why))
             raise PacketError(str(why), number) from why
@@ -628,7 +629,7 @@ class _TopicClient:
         server.lost += last - first + 1
         if not self._streamed:
             numbers = f"{verb}: numbers {first} to {last}"
-            reason = f"{numbers} were lost on their way, or displaced by newer ones"
+            reason = f"{numbers} were lost on their way, or replaced by newer ones"
             server.tell(verb, last, "refused", reason, _name(sender))
 
     def _wrong_type(self, key: str) -> str:

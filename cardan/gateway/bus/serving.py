@@ -66,7 +66,7 @@ class CommandServer(Protocol):
         thread."""
 
     def offer(self, client: Any, packet: Any) -> None:
-        """Pass on a client's further work. From any thread."""
+        """Queue another packet of a client. From any thread."""
 
     def tell(
         self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""

@@ -228,7 +228,7 @@ class ShareCore:
                 and (claim.lessee, owner) == (ended.lessee, self._ended_owner)
                 and claim.asked_s <= ended.asked_s
             ):
-                self.counts["claims that came twice or late"] += 1
+                self.counts["duplicate or late claims"] += 1
                 return False
             self._edges.clear()
             self._leases += 1
@@ -236,7 +236,7 @@ class ShareCore:
             self.counts["claims while another session has it"] += 1
             return True
         elif claim.asked_s <= known.asked_s:
-            self.counts["claims that came twice or late"] += 1
+            self.counts["duplicate or late claims"] += 1
             return False
         if not claim.wanted:
             self._claim = claim
@@ -330,11 +330,11 @@ class ShareCore:
         """Return state and edges; with input from a pause of this process, the device as lost and
         edges as old."""
         if now_s - self._next_s > STOOD_STILL_S:
-            # If it stood still again meanwhile, input may be from the first time.
+            # If it stalled again meanwhile, input may be from the first time.
             if now_s >= self._settled_s:
                 self._before_s = self._offered_s
             self._settled_s = now_s + SETTLE_S
-            self._still = f"`cardan devices share` stood still for {now_s - self._offered_s:.1f} s"
+            self._still = f"`cardan devices share` stalled for {now_s - self._offered_s:.1f} s"
         if now_s >= self._settled_s:
             return state, edges
         if state.link is not DeviceLink.LOST:
@@ -400,7 +400,7 @@ class DeviceEnd:
     ) -> None:
         """Render `order`, received at `heard_s` in the `lease` of this number; None: nothing. Never
         raises."""
-        if lease != self._lease:  # The one before may have ended while this process stood still.
+        if lease != self._lease:  # The one before may have ended while this process stalled.
             self._lease = lease
             self.end(now_s)
         if now_s < self._cycled_s + FORCE_S:

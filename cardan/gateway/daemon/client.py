@@ -68,7 +68,7 @@ class ControlClient:
         self._lines: list[bytes] = []
 
     def close(self) -> None:
-        """Disconnect. Never raises; twice is fine."""
+        """Disconnect. Never raises; idempotent."""
         hang_up(self._sock)
 
     def __enter__(self) -> ControlClient:

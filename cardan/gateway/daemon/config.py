@@ -192,7 +192,7 @@ def _check_shared(device: str, config: SessionConfig) -> None:
     """Raise ConfigurationError if a session cannot take its device later."""
     if config.gives_force:
         raise ConfigurationError(
-            "force", f"the device {device!r} serves several sessions, which this does not go with"
+            "force", f"the device {device!r} serves several sessions, which excludes force feedback"
         )
 
 

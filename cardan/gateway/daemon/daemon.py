@@ -258,7 +258,7 @@ class Daemon:
                 try:
                     call()
                 except Exception:  # A fault of one process; the others go on.
-                    _log.exception("a report of a process failed by a fault of the daemon")
+                    _log.exception("a report of a process failed: internal error of the daemon")
 
     def _summary(self) -> str:
         states = [service.unit.state.value for service in self._services.values()]
@@ -355,7 +355,7 @@ class Daemon:
         )
 
     def _leave(self, server: ControlServer) -> None:
-        """End all processes in good order; requests are answered meanwhile."""
+        """Shut down all processes; requests are answered meanwhile."""
         self._notifier.stopping()
         now_s = time.monotonic()
         give_up_s = now_s + ENDS_WITHIN_S
@@ -376,8 +376,10 @@ class Daemon:
             return
         except Exception:
             # A single request must not end all sessions.
-            _log.exception("a request, %s, failed by a fault of the daemon", ask.do)
-            connection.tell(Response(ask.id, "error", f"{ask.do}: a fault: see the daemon's log"))
+            _log.exception("a request, %s, failed: internal error of the daemon", ask.do)
+            connection.tell(
+                Response(ask.id, "error", f"{ask.do}: an internal error: see the daemon's log")
+            )
             return
         if found is not None:
             connection.tell(Response(ask.id, "result", found))
@@ -566,12 +568,12 @@ class Daemon:
         late_s, verb = time.monotonic() - connection.since_s, request.get("verb")
         if late_s > LATE_S and verb in NEW_MOTION | SEQUENCED:
             raise ControlError(
-                f"the daemon stood still for {late_s:.1f} s when this came; ask again", ask.id
+                f"the daemon stalled for {late_s:.1f} s when this came; ask again", ask.id
             )
         if late_s > STREAMED_S and verb in SEQUENCED:
             raise ControlError(
-                f"{verb}: it may have waited for {late_s:.2f} s; more than {STREAMED_S:g} s is too "
-                "late to act on: send less often",
+                f"{verb}: it may have waited for {late_s:.2f} s; commands older than "
+                f"{STREAMED_S:g} s are not executed: send less often",
                 ask.id,
             )
         number = next(self._ids)

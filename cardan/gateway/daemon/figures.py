@@ -66,7 +66,7 @@ SERVER_COUNTERS: Final = (
     ("cardan_server_unreadable_messages", "unreadable", "Messages that do not match their type."),
     ("cardan_server_slow_clients", "too slow", "Clients disconnected because they did not read."),
     ("cardan_server_cut_off_clients", "cut off",
-     "Clients disconnected because the server stood still."),
+     "Clients disconnected because the server stalled."),
     ("cardan_recording_bytes", "bytes", "Bytes that this recorder has written."),
     ("cardan_recording_messages", "messages", "Messages that this recorder has written."),
     ("cardan_recording_dropped_messages", "dropped", "Messages lost to a slow disk."),

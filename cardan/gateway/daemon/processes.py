@@ -63,7 +63,7 @@ class Process(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Request its end in good order. Does not wait; twice is fine."""
+        """Request its orderly shutdown. Does not wait; idempotent."""
 
     @abstractmethod
     def join(self, timeout_s: float) -> None:

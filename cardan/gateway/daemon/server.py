@@ -165,7 +165,7 @@ class ControlServer:
         began_s = time.monotonic()
         found = self._selector.select(0.0 if asked else timeout_s)
         now_s = time.monotonic()
-        # After a process stood still, epoll says that nothing is there though it is, if the time
+        # After a process stalled, epoll reports no events though there are some, if the time
         # is up by then: nothing was there when it began to look.
         empty_s = began_s if now_s - began_s > timeout_s + STOOD_STILL_S else now_s
         self._note_empty(
@@ -238,7 +238,7 @@ class ControlServer:
             connection.open = False
             return
         if connection.backlog.lasts(now_s - connection.since_s, now_s):
-            _log.warning("a program that sends more than can be handled is let go")
+            _log.warning("a program that sends more than can be handled is disconnected")
             connection.tell(Response(None, "error", BACKLOGGED))
             connection.open = False
             return
@@ -288,7 +288,7 @@ class ControlServer:
             self._selector.modify(connection.sock, events)
 
     def close(self) -> None:
-        """Disconnect all clients and remove the socket. Never raises; twice is fine."""
+        """Disconnect all clients and remove the socket. Never raises; idempotent."""
         for connection in self._connections.values():
             connection.sock.close()
         self._connections.clear()

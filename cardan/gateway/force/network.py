@@ -30,7 +30,7 @@ class PublishedFeedback:
         lease = self._lease
         if publisher != lease.owner and lease.ask(publisher, now_s):
             return (
-                "another publisher gives the feedback: one at a time can, until it has been "
+                "another publisher sends the feedback: only one at a time may, until it has been "
                 f"silent for {LEASE_S:g} s"
             )
         if lease.take(publisher, ForceMessage(sequence, now_s, asked), now_s):
@@ -60,7 +60,7 @@ class PublishedFeedback:
         """Counts of refused and dropped feedback, in words."""
         lease, words = self._lease, []
         if lease.refused:
-            words.append(f"{lease.refused} feedbacks refused: another publisher gave them")
+            words.append(f"{lease.refused} feedbacks refused: another publisher sent them")
         if lease.dropped:
             words.append(f"{lease.dropped} feedbacks dropped: they came twice, or out of order")
         return tuple(words)

@@ -30,7 +30,7 @@ LONGEST_STEP_S = 0.1
 """Longest time between two positions of the TCP from which a velocity is computed."""
 
 FASTEST_M_S = 10.0
-"""Speed above which a TCP counts as placed anew: its velocity is not computed."""
+"""Speed above which a TCP counts as relocated: its velocity is not computed."""
 
 LARGEST_READING_N = 1000.0
 """Largest plausible force: no tool in teleoperation presses harder. A larger reading is a fault and

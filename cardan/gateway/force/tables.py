@@ -199,7 +199,7 @@ class SphereContactTable(ContactTable):
 AnyContactTable = Annotated[PlaneContactTable | SphereContactTable, Tag("shape")]
 
 
-# -- [force]: where the force comes from that the hand feels, and how it gets there ----------------
+# -- [force]: source of the force on the device, and its processing --------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)

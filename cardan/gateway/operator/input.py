@@ -444,7 +444,7 @@ def _status(each: TwistFilter) -> str:
     try:
         said = each.status()
         if not isinstance(said, str):
-            raise TypeError(f"status() gave {said!r:.60}, not a text")
+            raise TypeError(f"status() returned {said!r:.60}, not a text")
         return said
     except Exception as error:
         return f"the filter {each.name} failed: {error!r}"

@@ -306,7 +306,7 @@ class RosbridgeClient:
     def _call_service(self, asked: CallService) -> None:
         service = self._service(asked.service, offered=False)
         self._check_calls()
-        if service in ROSAPI_SERVICES:  # They move nothing.
+        if service in ROSAPI_SERVICES:  # rosapi moves no arm.
             request = service_type(ROSAPI_SERVICES[service]).request
             args = _by_name(request, asked.args)
             answer = partial(self._rosapi.answer, service, args)
@@ -449,7 +449,9 @@ class RosbridgeClient:
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         if not task.cancelled() and (fault := task.exception()) is not None:
-            _log.error("%s: an answer met with a fault of this server", self.peer, exc_info=fault)
+            _log.error(
+                "%s: answer failed: internal error of this server", self.peer, exc_info=fault
+            )
 
     # -- actions ---------------------------------------------------------------------------------
 

@@ -60,7 +60,7 @@ class RosbridgeSubscription(TopicSubscription[ClientStream, Receiver]):
             self._counts["unreadable"] += 1
             if not self._unreadable:
                 self._unreadable = True
-                _log.warning("%s: what is published there cannot be read: %s", self.topic, error)
+                _log.warning("%s: its messages cannot be decoded: %s", self.topic, error)
             return ()
 
     def _hear(self, cdr: bytes, stamp_ns: int) -> None:

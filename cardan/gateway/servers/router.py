@@ -60,8 +60,9 @@ class Router(Server[RouterOptions]):
             session = zenoh.open(config)
         except zenoh.ZError as error:
             raise AddressError(
-                f"the router cannot serve at {', '.join(options.endpoint)}; another one may do so "
-                f"already: {words_of(error)}"
+                f"the router cannot serve at {', '.join(options.endpoint)}; another router may "
+                "already "
+                f"serve there: {words_of(error)}"
             ) from None
         try:
             with announced(() if options.zenoh_config else options.endpoint):

@@ -64,7 +64,7 @@ class SharedSubscriptions(Generic[SubscriptionT]):
         return subscription
 
     def leave(self, subscription: SubscriptionT, key: object) -> None:
-        """Unsubscribe a client; twice is fine."""
+        """Unsubscribe a client; idempotent."""
         subscription.receivers.pop(key, None)
         if not subscription.receivers:
             subscription.close()

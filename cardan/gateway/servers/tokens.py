@@ -154,8 +154,8 @@ def _make(path: Path) -> None:
 
     lines = [
         "# Tokens of Cardan's servers, one a line, after its role. A viewer reads, an operator",
-        "# commands, an admin may do everything. A line that is taken out lets nobody in any more",
-        "# after the server's next start.",
+        "# commands, an admin may do everything. The server refuses a removed token",
+        "# after its next start.",
         *(f"{role.word} {secrets.token_hex(TOKEN_BYTES)}" for role in Role),
         "",
     ]

@@ -344,7 +344,7 @@ class ListenerConnection(ServerConnection):
                 return
             if self._ending is None and self._backlog.lasts(self.waited_s, self.loop.time()):
                 self._tell_backlogged()
-                # Reading goes on, or the client's farewell would not be read.
+                # Reading goes on, or the client's close frame would not be read.
                 self._ending = self.loop.create_task(self.close(1008, BACKLOGGED))
             if self._ending is None:
                 yield frame
@@ -501,7 +501,9 @@ class WebSocketListener:
         if len(self._unknown) > MOST_HANDSHAKES:
             oldest = next(iter(self._unknown))
             del self._unknown[oldest]
-            self._tell_denied(oldest, "its place was needed before it had said who it is")
+            self._tell_denied(
+                oldest, "its connection was needed for another client before it authenticated"
+            )
             oldest.transport.abort()
 
     def _left(self, connection: ServerConnection) -> None:
@@ -511,7 +513,7 @@ class WebSocketListener:
     def _tell_denied(self, connection: ServerConnection, reason: str) -> None:
         self.counts["denied"] += 1
         level = logging.WARNING if self.counts["denied"] <= MOST_DENIALS_SHOWN else logging.DEBUG
-        _log.log(level, "%s was not let in: %s", _peer(connection), reason)
+        _log.log(level, "%s was refused: %s", _peer(connection), reason)
 
     async def _let_in(self, connection: ServerConnection, request: Request) -> Response | None:
         headers, parts = request.headers, _split(request.path)
@@ -545,8 +547,10 @@ class WebSocketListener:
         try:
             answer = await self._page(parts.path, headers)
         except Exception:
-            _log.exception("%s met with a fault of this server", _peer(connection))
-            return connection.respond(HTTPStatus.INTERNAL_SERVER_ERROR, "a fault: see the log\n")
+            _log.exception("%s failed: internal error of this server", _peer(connection))
+            return connection.respond(
+                HTTPStatus.INTERNAL_SERVER_ERROR, "an internal error: see the log\n"
+            )
         if answer is None:
             return connection.respond(HTTPStatus.NOT_FOUND, "there is no such page\n")
         response = connection.respond(answer.status, "")
@@ -567,8 +571,8 @@ class WebSocketListener:
         if self._connections:
             self.counts["cut off"] += len(self._connections)
             _log.warning(
-                "this server stood still for %.1f s: what its clients sent meanwhile is not acted "
-                "on, and they have to connect again",
+                "this server stalled for %.1f s: messages that its clients sent meanwhile are "
+                "dropped, and they have to reconnect",
                 seconds,
             )
 
@@ -588,7 +592,7 @@ class WebSocketListener:
         try:
             await self._run(connection, peer, role)
         except Exception:
-            _log.exception("%s met with a fault of this server, and is closed", peer)
+            _log.exception("%s is closed after an internal error of this server", peer)
         finally:
             self.clients -= 1
             self._connections.discard(connection)

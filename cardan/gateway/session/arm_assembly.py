@@ -151,7 +151,7 @@ def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
             key = f"{name}: neighbors.{index}"
             topic = own_topic(config, table.topic)
             if topic not in by_topic:
-                # It may be an arm that no session of ours moves.
+                # It may be an arm of another system.
                 found += [
                     f"{key}.topic: no session here publishes {topic}; did you mean {near!r}?"
                     for near in difflib.get_close_matches(topic, by_topic, 1, 0.9)

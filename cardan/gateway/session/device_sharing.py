@@ -74,7 +74,7 @@ class DeviceLease:
                     self._changed.wait_for(lambda: self._over or not self._wanted, AGAIN_S)
 
     def close(self) -> None:
-        """End its thread, and close the device. Never raises; twice is fine."""
+        """End its thread, and close the device. Never raises; idempotent."""
         with self._changed:
             self._over = True
             self._changed.notify()

@@ -59,10 +59,12 @@ def _breach(driver: Driver) -> str:
         try:
             given = call()
         except Exception as error:
-            return f"{call.__name__}() of one that is not open fails: {reason(error)}"
+            return f"{call.__name__}() of a driver that is not open fails: {reason(error)}"
         if not isinstance(given, kind):
             word = {Sequence: "a sequence", Mapping: "a mapping"}.get(kind, "a DeviceState")
-            return f"{call.__name__}() of one that is not open gives {given!r:.60}, not {word}"
+            return (
+                f"{call.__name__}() of a driver that is not open returns {given!r:.60}, not {word}"
+            )
     return ""
 
 

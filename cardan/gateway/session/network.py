@@ -188,7 +188,7 @@ class SessionNetwork:
             )
 
     def close(self) -> None:
-        """Leave the bus. Never raises; twice is fine."""
+        """Leave the bus. Never raises; idempotent."""
         self._opened.close()
         self._node.close()
 

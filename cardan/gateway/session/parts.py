@@ -134,7 +134,7 @@ class Part:
         """Fill in the part's own fields ten times a second, and add to the diagnosis."""
 
     def close(self) -> None:
-        """Clean up after the robot was closed, or never opened. Never raises; twice is fine."""
+        """Clean up after the robot was closed, or never opened. Never raises; idempotent."""
 
 
 class Figures(Part):
@@ -471,7 +471,7 @@ class Requests(Part):
     def after(self, cycle: Cycle, now_s: float) -> None:
         self.whole.worker.turn(now_s)
         if self.whole.worker.busy:
-            self.whole.worker.attend()
+            self.whole.worker.run_due()
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
         snapshot.refusals = self.whole.worker.refusals()

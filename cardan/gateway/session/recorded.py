@@ -18,7 +18,7 @@ their way."""
 
 
 def why_incomplete(recorder: CardanSubprocess, path: Path) -> str:
-    """Return why a recorder did not end in good order; empty if it did, or if it reports itself
+    """Return why a recorder did not shut down properly; empty if it did, or if it reports itself
     what is missing."""
     if recorder.code >= 0:
         return ""

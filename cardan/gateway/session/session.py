@@ -174,7 +174,7 @@ class Session:
             self._heed_faults()
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
-                    snapshot.ending = self._stop_reason or "the session's time is over"
+                    snapshot.ending = self._stop_reason or "the session's time limit is reached"
                     controller.inhibit(snapshot.ending, Inhibit.FOR_GOOD)
                     give_up_s = now_s + BRAKE_TIMEOUT_S
                 if controller.at_rest or not cycle.robot.ready or now_s >= give_up_s:
@@ -184,7 +184,7 @@ class Session:
                 self._publish(cycle, now_s - start_s)
         else:
             if cycle is None:
-                raise RobotCalls(self.robot).failed("cycles() gave no state")
+                raise RobotCalls(self.robot).failed("cycles() returned no state")
             snapshot.ending = snapshot.ending or "the robot's driver ended its cycles() by itself"
         snapshot.finished = True
         self._publish(cycle, monotonic() - start_s)

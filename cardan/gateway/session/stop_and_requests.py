@@ -152,7 +152,7 @@ class _Job:
 class RequestWorker:
     """Answers the requests of all clients of a session.
 
-    `offer` and `attend` are for the loop's thread; neither blocks. The loop attends `link` once
+    `offer` and `run_due` are for the loop's thread; neither blocks. The loop runs `link` once
     `busy`.
     """
 
@@ -220,10 +220,10 @@ class RequestWorker:
                 thread.start()
         self._packets.put(_Packet(client, packet, now_s, self._late_s))
 
-    def attend(self) -> None:
+    def run_due(self) -> None:
         """Run the verbs' work for the loop once a cycle, find motions that are over, and end those
         without end whose client has disconnected."""
-        self._link.attend()
+        self._link.run_due()
         for motion, client, there in tuple(self._motions.values()):
             if motion.over:
                 if self._packets.empty():
@@ -414,7 +414,7 @@ class RequestWorker:
 def _late(late_s: float) -> str:
     if late_s == math.inf:
         return "it came before the session had begun"
-    return f"the session stood still for {late_s:.1f} s when it came"
+    return f"the session stalled for {late_s:.1f} s when it came"
 
 
 def _note(number: int, motion: Motion) -> MotionNote:

@@ -22,7 +22,7 @@ READY_WITHIN_S = 20.0
 """Longest time until the command serves; importing takes a second on a slow machine."""
 
 END_WITHIN_S = 5.0
-"""Longest time for its end in good order; then it is killed."""
+"""Longest time for its orderly shutdown; then it is killed."""
 
 _AT_ONCE = 65536
 """Bytes per read: as many as a pipe holds."""

@@ -144,12 +144,12 @@ class SessionProcess:
         last = Snapshot()
         with contextlib.closing(RouterKeeper(self._config.network)) as router:
 
-            def attend() -> bool:
+            def run_due() -> bool:
                 router.poll()
                 return poll()
 
             try:
-                for packet in self._packets(attend, shown):
+                for packet in self._packets(run_due, shown):
                     last = take(packet) or last
             except BaseException:
                 # A view that fails must not cost the robot its braking ramp.
@@ -262,7 +262,7 @@ def supervise(
             process.stop()
         outcome = process.follow(take, poll, shown)
     for number in signals:
-        _log.info("told to end by %s", signal_name(number))
+        _log.info("ending on %s", signal_name(number))
     return outcome
 
 

@@ -27,5 +27,5 @@ class SupervisorHeartbeat:
             return ""
         return (
             f"the process that supervises this session was silent for {age_s:.1f} s: it is "
-            "stopped, or nobody reads what it shows"
+            "stopped, or its output is not read"
         )

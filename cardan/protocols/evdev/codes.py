@@ -87,7 +87,7 @@ MICROSOFT = 0x045E
 """Vendor whose pads have two numbers exchanged, with any driver."""
 XONE: Final = "xone-gip-gamepad"
 _BY_CAPS: Final = frozenset({"xpad", XONE, "xpadneo", "hid-steam"})
-"""Drivers that number buttons by their print, for pads of any maker."""
+"""Drivers that number buttons by their printed labels, for pads of any maker."""
 
 
 def north_and_west_exchanged(vendor: int, kernel_driver: str) -> bool:

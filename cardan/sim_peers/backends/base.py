@@ -82,10 +82,10 @@ class DeviceBackend(ABC, Generic[M]):
 
     @property
     def due_s(self) -> float:
-        """Monotonic time of the next call of `attend`, s."""
+        """Monotonic time of the next call of `run_due`, s."""
         return math.inf
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Do the work due at the monotonic time `now_s`; called at every turn."""
 
     def wait(self, timeout_s: float) -> None:

@@ -30,7 +30,7 @@ class BusPeerOptions(DevicePeerOptions):
     port: Annotated[int, bounds.ANY_PORT] = 7447
     """TCP port; used by default instead of a router."""
     router: str = option(
-        "", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
+        "", "A Zenoh router to find other nodes by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
     )
 
     @property
@@ -104,7 +104,7 @@ class BusBackend(DeviceBackend[bytes]):
         """Time of the next check for programs."""
         return self._look_s
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Look for programs, and pass their messages to the device."""
         if now_s < self._look_s:
             return

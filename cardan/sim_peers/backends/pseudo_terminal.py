@@ -135,7 +135,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
         """Monotonic time of the next check for a host, s."""
         return math.inf if self._host or self._master is None else self._watch_s
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Check whether a host has opened the port."""
         if self._master is not None and not self._host and now_s >= self._watch_s:
             self._watch_s = now_s + WATCH_PERIOD_S

@@ -213,8 +213,8 @@ class UhidDevice:
             hint = {
                 errno.ENOENT: "load the kernel's module: `modprobe uhid` as root",
                 errno.ENODEV: "load the kernel's module: `modprobe uhid` as root",
-                errno.EACCES: "run this as root, or give yourself the right to write to it",
-                errno.EPERM: "run this as root, or give yourself the right to write to it",
+                errno.EACCES: "run this as root, or grant yourself write access to it",
+                errno.EPERM: "run this as root, or grant yourself write access to it",
             }.get(error.errno or 0, "is this a Linux kernel with uhid?")
             raise DeviceAccessError(
                 f"cannot open {self._path}: {error.strerror or error}; {hint}"

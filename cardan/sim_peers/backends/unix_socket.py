@@ -120,7 +120,7 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
             self._server.close()
             self._server = None
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Accept programs, unless the device refuses to be opened."""
         server = self._server
         if server is not None and not server.listening and now_s >= self.shell.refused_until_s:

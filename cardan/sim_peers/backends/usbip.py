@@ -363,7 +363,7 @@ class UsbipBackend(DeviceBackend[bytes]):
             if client.session.imported:
                 self._server.drop(client)
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Set for every connection whether the device is present and may be imported."""
         free = not self.attached and now_s >= self.shell.refused_until_s
         for client in self._server.clients:
@@ -384,7 +384,7 @@ class UsbipBackend(DeviceBackend[bytes]):
         self._server.close()
 
     def _take(self, client: _Connection, data: bytes) -> None:
-        self.attend(time.monotonic())
+        self.run_due(time.monotonic())
         client.session.receive(data)
         self._flush(client)
         if client.session.failed:

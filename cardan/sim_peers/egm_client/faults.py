@@ -22,7 +22,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
         5.0,
     ),
     FaultSwitch.flag("gives-up", "ends at the first datagram that is not EGM"),
-    FaultSwitch.flag("answers-old", "answers datagrams that are old or come twice"),
+    FaultSwitch.flag("answers-old", "answers old and duplicate datagrams"),
     FaultSwitch("chatters", "sends every VALUE ms while the controller is silent", 50.0, 1.0),
     FaultSwitch.flag("one-port", "never answers another port than the first"),
     FaultSwitch("leaves-moving", "its last message has a speed of VALUE mm/s", 10.0),

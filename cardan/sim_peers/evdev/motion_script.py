@@ -28,7 +28,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
     "unplug": "unplug (the device is gone)",
     "replug": "replug (the device is back)",
     "silence": "silence (its events stop)",
-    "resume": "resume (its events go on)",
+    "resume": "resume (it sends events again)",
     "loop": "loop",
 }
 """Usage of each verb of a script. Sticks are -1..1 to the right and up, triggers 0..1.

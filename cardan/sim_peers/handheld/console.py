@@ -76,7 +76,7 @@ class ConsolePage:
         except ConnectionClosed:
             self.ready = False
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Handle the server's messages."""
         self.due_s = now_s + LOOK_S
         try:

@@ -33,7 +33,7 @@ FAULTS: Final = (
     FaultSwitch("hidden", "the page is hidden from VALUE s on", 3.0),
     FaultSwitch("jump", "the device jumps by half a meter and a right angle at VALUE s", 3.0),
     FaultSwitch(
-        "recenter", "the reference is another one from VALUE s on, turned by a right angle", 3.0
+        "recenter", "the reference frame is reset at VALUE s, and turned by a right angle", 3.0
     ),
     FaultSwitch(
         "stuck", "the control counts as held from VALUE s on, whatever the device does", 3.0

@@ -113,11 +113,11 @@ class ConsoleBackend(DeviceBackend[bytes]):
         """Time of the page's next turn; every turn of the loop without one."""
         return 0.0 if self._page is None else self._page.due_s
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Handle the server's messages."""
         if self._page is None or now_s < self._page.due_s:
             return
-        self._page.attend(now_s)
+        self._page.run_due(now_s)
         if self._page.ready:
             self.shell.begin()
         self._device.rumble = self._page.rumble

@@ -75,7 +75,7 @@ class MotorosClientDefects:
 
     # -- what the controller says -----------------------------------------------------------------
 
-    def overlooked(self, data: bytes) -> bool:
+    def ignores_read(self, data: bytes) -> bool:
         """Return True if the client ignores the data of one read."""
         if "one-read" not in self._faults:
             return False

@@ -6,7 +6,7 @@ from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.tcp_servers import RESET, SILENT
 
 FAULTS: tuple[FaultSwitch, ...] = (
-    FaultSwitch.at("remote-off", "remote control is taken away"),
+    FaultSwitch.at("remote-off", "remote control is switched off"),
     FaultSwitch.at("job-stop", "the job INIT_ROS is stopped"),
     FaultSwitch.at("energy-saving", "the drives go into energy saving"),
     FaultSwitch(

@@ -194,7 +194,7 @@ class MotomanRobot:
     def _stand_still(self, lost_s: float) -> None:
         """Shift times after a pause of this process: the clock stood still, no command was late."""
         lost_s = math.floor(lost_s / self._ipc_s) * self._ipc_s
-        self._note(f"the simulation stood still for {lost_s:.3f} s")
+        self._note(f"the simulation stalled for {lost_s:.3f} s")
         self._start_s += lost_s
         self._tick_s += lost_s
         self._poll_s += lost_s

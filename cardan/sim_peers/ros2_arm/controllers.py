@@ -195,7 +195,7 @@ class RosArm:
     def _take_joint_state(self, message: Message) -> str:
         positions = self._ordered(message["name"], message["position"])
         if positions is None or not all(map(math.isfinite, positions)):
-            return "names or positions that do not fit"
+            return "names or positions that do not match the joints"
         speeds = self._ordered(message["name"], message["velocity"])
         if speeds is not None and not all(map(math.isfinite, speeds)):
             return "speeds that are not finite"
@@ -209,11 +209,11 @@ class RosArm:
         for point in message["points"]:
             positions = self._ordered(message["joint_names"], point["positions"])
             if positions is None or not all(map(math.isfinite, positions)):
-                return "names or positions that do not fit"
+                return "names or positions that do not match the joints"
             duration = point["time_from_start"]
             at_s = duration["sec"] + duration["nanosec"] / NS
             if at_s <= last_s:
-                return "times that do not go up"
+                return "times that do not increase"
             if any(point["velocities"]) and point is message["points"][-1]:
                 return "a speed at the end"
             last_s = at_s

@@ -24,10 +24,10 @@ FAULTS: tuple[FaultSwitch, ...] = (
     *LINK_FAULTS,
     FaultSwitch("silence", "no joint states for this long every 5 s, s", 0.3),
     FaultSwitch.at("restart", "the nodes stop and return after 1 s,"),
-    FaultSwitch.at("stale", "joint states repeat themselves, stamp and all, from"),
+    FaultSwitch.at("stale", "joint states repeat unchanged, with their stamp, from"),
     FaultSwitch.share("nan", "share of joint states with a position that is not a number"),
     FaultSwitch.share("absurd", "share of joint states with a position of 1e9 rad"),
-    FaultSwitch.at("wrong-names", "joints are called otherwise from"),
+    FaultSwitch.at("wrong-names", "joints have other names from"),
     FaultSwitch.at("missing", "joint states lack the last joint from"),
     FaultSwitch.flag("extra", "joint states have a finger's joint, too"),
     FaultSwitch.flag("gripper", "another node publishes a gripper's joint on the same topic"),
@@ -60,7 +60,7 @@ class RosArmOptions(Options):
 
     robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
     drive: Literal["dynamic", "ideal"] = option("dynamic", "ideal: exactly where commanded.")
-    sag: bool = option(False, "Its servo does not know gravity.")
+    sag: bool = option(False, "Its servo does not compensate gravity.")
     payload_kg: Annotated[float, bounds.PAYLOAD_KG] = option(0.0, "A mass at the TCP.")
     transport: Literal["zenoh", "dds"] = option(
         "zenoh", "What its nodes speak: rmw_zenoh, or DDS (domain instead of listen and router)."
@@ -69,7 +69,7 @@ class RosArmOptions(Options):
     port: Annotated[int, bounds.ANY_PORT] = 7447
     """TCP port; used by default instead of a router."""
     router: str = option(
-        "", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
+        "", "A Zenoh router to find other nodes by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
     )
     domain: Annotated[int, DOMAIN] = option(0, "ROS_DOMAIN_ID.", metavar="NUMBER")
     controller: Literal["position", "velocity", "joint_state", "trajectory"] = option(

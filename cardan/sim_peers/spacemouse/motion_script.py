@@ -25,7 +25,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
     "unplug": "unplug (the device is gone)",
     "replug": "replug (the device is back)",
     "silence": "silence (its reports stop)",
-    "resume": "resume (its reports go on)",
+    "resume": "resume (it sends reports again)",
     "loop": "loop (the last step: start again)",
 }
 """Usage of each verb of a script. Deflections are -1..1 in the robot frame.

@@ -319,7 +319,7 @@ class Compiler:
 
         def given(own: _Locals, result: Any) -> None:
             if result is None:
-                raise ProgramError(line, f"{called}() gives no value")
+                raise ProgramError(line, f"{called}() returns no value")
             put(own, result)
 
         if value.takes_time:
@@ -335,7 +335,7 @@ class Compiler:
             def run_own(own: _Locals) -> None:
                 result = do(own)
                 if result is None:
-                    raise ProgramError(line, f"{called}() gives no value")
+                    raise ProgramError(line, f"{called}() returns no value")
                 own[place] = result
 
             return _Code(run_own)
@@ -343,7 +343,7 @@ class Compiler:
         def run(own: _Locals) -> None:
             result = do(own)
             if result is None:
-                raise ProgramError(line, f"{called}() gives no value")
+                raise ProgramError(line, f"{called}() returns no value")
             values[place] = result
 
         return _Code(run)
@@ -571,7 +571,7 @@ class Compiler:
 
         def made(own: _Locals, values: list[Any]) -> Any:
             if None in values:
-                raise ProgramError(line, "a list of what has no value")
+                raise ProgramError(line, "a list of expressions without a value")
             try:
                 return make(values)
             except _WRONG as error:
@@ -615,7 +615,7 @@ class Compiler:
         line = getattr(found, "line", 1)
         do = code.do
 
-        def judged(value: Any) -> bool:
+        def as_truth(value: Any) -> bool:
             try:
                 return operators.truth(value)
             except ValueError as error:
@@ -624,13 +624,13 @@ class Compiler:
         if code.takes_time:
 
             def wait(own: _Locals) -> Running:
-                return judged((yield from do(own)))
+                return as_truth((yield from do(own)))
 
             return _Code(wait, takes_time=True)
 
         def run(own: _Locals) -> bool:
             value = do(own)
-            return value if value is True or value is False else judged(value)
+            return value if value is True or value is False else as_truth(value)
 
         return _Code(run)
 

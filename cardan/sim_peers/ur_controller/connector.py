@@ -105,7 +105,7 @@ class Connector:
         if data:
             self._sockets.data(link.number, data)
         else:
-            self._lost(link, "the other end has closed it")
+            self._lost(link, "closed by the other end")
 
     def _write(self, link: _Link) -> None:
         try:

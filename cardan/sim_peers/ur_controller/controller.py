@@ -166,7 +166,7 @@ class UrController:
             if not self._slow_reported:
                 self._slow_reported = True
                 what = f"this computer is too slow: {late_s:.2f} s are left out"
-                self._note(f"{what} (what more there is, without a word)")
+                self._note(f"{what} (further ones are not reported)")
         self.frames += 1
         self._frame()
         return True
@@ -282,7 +282,7 @@ class UrController:
         if self._program is not None:
             self._end_program("another program")
         if self.options.faults.get("no-script", 0.0):
-            self._note("fault: the program is never begun")
+            self._note("fault: the program is never started")
             return
         machine.name = name or machine.name
         self._waiting = (self.time_s + self.options.program_start_s, machine)

@@ -159,7 +159,7 @@ class Machine:
         return made.handle
 
     def kill(self, handle: Any) -> None:
-        """End a thread; handle 0 is none's."""
+        """End a thread; handle 0 belongs to no thread."""
         for each in self._threads[1:]:
             if each.handle == handle:
                 if each is self._running:

@@ -362,7 +362,7 @@ class ArmMotion:
     def _contact_force(self) -> Vector3:
         return subtract(Vector3(0.0, 0.0, self.pushed()), self._zero)
 
-    # -- orders that take no time -----------------------------------------------------------------
+    # -- instructions that take no time -----------------------------------------------------------
 
     def begin_force(self, asked: Compliance) -> None:
         """Enter force mode."""

@@ -148,7 +148,7 @@ class Bridge:
         if on_bus and any(guid < self._dds.guid for guid in on_dds):
             raise DriverError(
                 "another `cardan net server dds` joins the same bus and DDS domain: messages "
-                "would go round between the two; end one of them"
+                "would circulate between the two; end one of them"
             )
 
     # -- out ---------------------------------------------------------------------------------------
@@ -172,7 +172,7 @@ class Bridge:
                 elif out.heard is None:
                     out.heard = self._bus.subscribe(name, topic.type, self._passing(out.publisher))
             except NetworkError as error:
-                self._say(f"{name} is not passed on to DDS: {error}")
+                self._say(f"{name} is not forwarded to DDS: {error}")
 
     def _begin_out(self, name: str, topic: Topic) -> _Out:
         out = _Out(topic, self._dds.advertise(name, topic.type, topic.latched))
@@ -191,7 +191,7 @@ class Bridge:
     def _stood_still(self, seconds: float) -> None:
         self._stale_until_s = time.monotonic() + HANDED_ON_S
         _log.warning(
-            "this bridge stood still for %.1f s: what came from DDS meanwhile is not acted on",
+            "this bridge stalled for %.1f s: messages that came from DDS meanwhile are dropped",
             seconds,
         )
 
@@ -278,7 +278,7 @@ class Bridge:
                 try:
                     publisher = client.network.advertise(name, type_name, writer.transient_local)
                 except NetworkError as error:
-                    self._say(f"{name} is not passed on to the bus: {error}")
+                    self._say(f"{name} is not forwarded to the bus: {error}")
                     return None
                 client.publishers[writer.guid] = publisher
             return publisher
@@ -296,7 +296,10 @@ class Bridge:
         client = self._clients.get((participant, node))
         if client is None:
             if len(self._clients) >= MOST_CLIENTS:
-                self._say(f"more than {MOST_CLIENTS} nodes on DDS send: of others nothing comes")
+                self._say(
+                    f"more than {MOST_CLIENTS} nodes on DDS send: messages of further nodes are "
+                    "dropped"
+                )
                 return None
             try:
                 namespace, _, name = checked_name(node).rpartition("/")
@@ -324,7 +327,7 @@ class Bridge:
             client = None
             if self._stale(service):
                 self.counts["stale"] += 1
-                answered(Failure("the bridge stood still meanwhile; ask again"))
+                answered(Failure("the bridge stalled meanwhile; ask again"))
                 return
             if caller is not None:
                 node = self._dds.node_of(caller)
@@ -367,7 +370,7 @@ class Bridge:
                 try:
                     given[name] = type_name, begin(name, type_name)
                 except NetworkError as error:
-                    self._say(f"{name} is not there on DDS: {error}")
+                    self._say(f"{name} is not available on DDS: {error}")
 
     def _say(self, words: str) -> None:
         """Log a message once."""

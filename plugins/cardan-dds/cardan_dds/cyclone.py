@@ -520,7 +520,7 @@ class Waiter:
                 self._guard.set(True)
 
     def close(self) -> None:
-        """Close the waiter; twice is fine."""
+        """Close the waiter; idempotent."""
         with self._closing:
             if not self._closed:
                 self._closed = True

@@ -291,7 +291,7 @@ class Capture:
     def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         order, interfaces, time_ns = "<", list[_Interface](), 0
         lost: dict[int, int] = {}
-        """By interface: the counts continue from block to block."""
+        """Lost packets by interface: the counts continue from block to block."""
         start = PCAPNG_MAGIC + self._exactly(stream, 4)
         while True:
             if start[:4] == PCAPNG_MAGIC:

@@ -183,7 +183,7 @@ class _Packet(NamedTuple):
 
 
 class _Flow(NamedTuple):
-    """Packets between an address and port of the tested side, and one of ours."""
+    """Packets between an address and port of the tested side, and one of the suite."""
 
     tested: Endpoint
     ours: Endpoint
@@ -208,8 +208,8 @@ class _Reading(ABC):
     protocol: str
 
     def __init__(self, suite: Suite[Any], host: str, shift: int) -> None:
-        _, known, ours, pilots = suite.transport
-        self.ports = {name: port + shift for name, port in known.items() if name not in pilots}
+        _, known, ours, not_checked = suite.transport
+        self.ports = {name: port + shift for name, port in known.items() if name not in not_checked}
         self.ours = ours
         self.host = host
         self.events: list[tuple[int, WireEvent]] = []
@@ -373,7 +373,7 @@ class _Connection:
 
 
 class _Tcp(_Reading):
-    """Connections. A port of ours gives each client a channel: "motion 2", the second to any
+    """Connections. A port of the suite gives each client a channel: "motion 2", the second to any
     port."""
 
     protocol = "TCP"

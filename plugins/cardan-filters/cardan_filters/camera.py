@@ -26,7 +26,9 @@ from cardan_filters.listener import (
 )
 from cardan_filters.readings import Malformed, decode_centroid
 
-TARGET_AGE_S = Range(0.0, 2.0, "s", "a target seen longer ago may be anywhere", above=True)
+TARGET_AGE_S = Range(
+    0.0, 2.0, "s", "the position of a target seen longer ago is unknown", above=True
+)
 
 SMALLEST_ADVANCE_M_S = 1e-9
 """Smallest speed that counts as an advance: less is rounding of a motion across the axis."""

@@ -83,7 +83,7 @@ def _decode_skin(words: list[bytes]) -> tuple[float, ...] | Malformed:
     for start in range(0, len(words), 4):
         board = words[start]
         if board not in BOARDS or board in boards:
-            return Malformed(f"{_quoted(board)} stands where another of the boards I, J, K should")
+            return Malformed(f"{_quoted(board)} is not the expected one of the boards I, J, K")
         sums = [0.0] * WORDS_PER_BOARD
         for axis, line in zip(b"XYZ", words[start + 1 : start + 4], strict=True):
             found = _AXIS_LINE.fullmatch(line)
@@ -102,7 +102,7 @@ def _decode_skin(words: list[bytes]) -> tuple[float, ...] | Malformed:
         boards[board] = sums
     if not any_value:
         # Zeros would mean free space all around, from a skin that senses nothing.
-        return Malformed("every word of the skin is FFF: no sensor gives a value")
+        return Malformed("every word of the skin is FFF: no sensor delivers a value")
     return tuple(total / 3.0 for board in BOARDS for total in boards[board])
 
 

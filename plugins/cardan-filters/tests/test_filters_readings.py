@@ -62,8 +62,8 @@ def test_a_skin_that_sees_nothing_is_not_free_space():
     [
         (lambda t: t[:-1], "board K"),
         (lambda t: t + b"0", "board K"),
-        (lambda t: t.replace(b"J", b"I"), "another of the boards"),
-        (lambda t: t.replace(b"J", b"L"), "another of the boards"),
+        (lambda t: t.replace(b"J", b"I"), "the expected one of the boards"),
+        (lambda t: t.replace(b"J", b"L"), "the expected one of the boards"),
         (lambda t: t.replace(b"Y", b"X", 1), "not Y and"),
         (lambda t: t.replace(b"X010", b"X0_0", 1), "hexadecimal"),
         (lambda t: t.replace(b"X010", b"X+10", 1), "hexadecimal"),

@@ -49,7 +49,7 @@ class Packages:
         """Return the content of a file. Raises AssetError for a file outside the package's folder,
         after links are resolved, and for a file of another kind."""
         if not uri.startswith(_SCHEME):
-            raise AssetError(f"{shown(uri)} cannot be had here: only {_SCHEME}NAME/PATH can")
+            raise AssetError(f"{shown(uri)} is not available here: only {_SCHEME}NAME/PATH can")
         name, _, rest = unquote(uri.removeprefix(_SCHEME)).partition("/")
         root = self._roots.get(name)
         if root is None:

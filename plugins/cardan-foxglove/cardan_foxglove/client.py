@@ -648,7 +648,7 @@ class FoxgloveConnection:
         except _REFUSALS as error:
             self._refuse(identity, str(error))
         except Exception:
-            _log.exception("%s met with a fault of this server", self._peer)
+            _log.exception("%s failed: internal error of this server", self._peer)
 
     def _intruded(self) -> None:
         if not self._gone:
@@ -665,7 +665,7 @@ class FoxgloveConnection:
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         if not task.cancelled() and (fault := task.exception()) is not None:
-            _log.error("%s met with a fault of this server", self._peer, exc_info=fault)
+            _log.error("%s failed: internal error of this server", self._peer, exc_info=fault)
 
     def _leave(self) -> None:
         """Remove all that the client had from the network, and end its server."""

@@ -172,7 +172,7 @@ class FoxgloveServer:
                         client.show(now)
                 before = now
             except Exception:
-                _log.exception("what is on the network cannot be shown")
+                _log.exception("the network's topics cannot be shown")
 
     def _tell_event(self, cdr: bytes) -> None:
         """Send changed parameters to clients."""

@@ -40,7 +40,7 @@ def test_calls_that_waited_at_foxglove_are_refused():
         request = "std_srvs/srv/Trigger_Request"
         data = codec_of(request).encode(default_message(request))
         stall(running)
-        assert "too late to act on" in client.call("/arm/movl", data)["message"]
+        assert "not executed" in client.call("/arm/movl", data)["message"]
         assert called == []
         client.call("/arm/movl", data)
         assert called == [1]

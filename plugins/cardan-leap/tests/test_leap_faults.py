@@ -92,7 +92,7 @@ class TestLinkFaults:
 
     @pytest.mark.parametrize(
         ("attached", "link", "words"),
-        [(True, DeviceLink.STALE, "does not deliver"), (False, DeviceLink.LOST, "unplugged")],
+        [(True, DeviceLink.STALE, "sends no frames"), (False, DeviceLink.LOST, "unplugged")],
     )
     def test_the_tracker(self, clutch, attached, link, words):
         bench = engaged(clutch)

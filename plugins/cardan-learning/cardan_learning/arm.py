@@ -89,7 +89,7 @@ class ArmActions:
         """
         stat = self._stat = self._arm.stat()
         if not stat.heard:
-            raise MotionRefusedError("stat: the robot is silent, and what was measured is old")
+            raise MotionRefusedError("stat: the robot is silent, and its measurements are old")
         numbers = (*stat.joints, *self._written.of(stat.pose))
         if self._gripper:
             numbers = (*numbers, self._grip_now())

@@ -62,7 +62,7 @@ class ExportReport:
                 at_s = (gap.at_ns - episode.began_ns) / NS
                 said.append(
                     f"  {gap.what}: nothing for {gap.long_ns / NS:.2f} s from {at_s:.2f} s on, "
-                    "what was before holds"
+                    "the values before it are held"
                 )
             if len(episode.gaps) > MOST_GAPS:
                 said.append(f"  and {len(episode.gaps) - MOST_GAPS} more gaps")

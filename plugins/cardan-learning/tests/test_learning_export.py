@@ -44,7 +44,7 @@ def test_gaps_are_reported_and_make_it_incomplete(tmp_path, without_lerobot):
     report = export_lerobot([recorded(tmp_path / "r.mcap", times)], tmp_path / "set", fps=10)
     assert not report.complete
     assert any(
-        "joints: nothing for 1.00 s from 0.50 s on, what was before holds" in line
+        "joints: nothing for 1.00 s from 0.50 s on, the values before it are held" in line
         for line in report.lines()
     )
 

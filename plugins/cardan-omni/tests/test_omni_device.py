@@ -551,7 +551,7 @@ def test_three_threads_that_command_at_once_keep_within_the_limits(bench):
     [
         ("comm-error", "does not answer"),
         ("unplug", "is not there"),
-        ("dead-scheduler", "stood still|no tick"),
+        ("dead-scheduler", "stalled|no tick"),
     ],
 )
 def test_a_device_that_goes_is_lost_and_comes_back_without_force(bench, fault, words):

@@ -38,7 +38,7 @@ def cardan(*arguments, code=0):
 def test_what_it_can_be_asked_without_the_library():
     assert "comm-error" in cardan("--list-faults")
     scripts = cardan("--list-scripts")
-    assert "a file has a line a step" in scripts
+    assert "a file has one step a line" in scripts
     assert "drawing" in scripts
     assert "stiffness KX KY KZ [over SECONDS]" in scripts
 

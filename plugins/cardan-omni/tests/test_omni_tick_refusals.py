@@ -105,8 +105,8 @@ BAD_COMMANDS: list[tuple[dict[str, Any], str]] = [
     ({"fixtures": (Box(ZERO3, ZERO3, 1.0, rotation=(0.0,) * 9),)}, "not a rotation"),
     ({"fixtures": (Sphere(ZERO3, -0.1, 1.0),)}, "negative"),
     ({"fixtures": ("wall",)}, "not a fixture"),
-    ({"sequence": -1}, "cannot be taken"),
-    ({"force": ("a", "b", "c")}, "cannot be taken"),
+    ({"sequence": -1}, "is refused"),
+    ({"force": ("a", "b", "c")}, "is refused"),
 ]
 
 

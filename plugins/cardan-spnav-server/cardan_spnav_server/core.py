@@ -252,7 +252,7 @@ class SpnavServerCore:
         """Return the warnings in words."""
         words = [f"{self._counts[key]} {_COUNTERS[key]}" for key in _TELLING if self._counts[key]]
         if self._last_failure:
-            words.append(f"the last program given up: {self._last_failure}")
+            words.append(f"the last program disconnected: {self._last_failure}")
         return words
 
     # -- motion and buttons --------------------------------------------------------------------

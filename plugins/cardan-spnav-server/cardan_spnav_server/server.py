@@ -156,7 +156,7 @@ class SpnavServer:
         try:
             self._core.receive(number, data, time.monotonic())
         except Exception as error:  # An error of this program's request; the others continue.
-            self._core.give_up(number, f"what it asked for failed: {error!r}")
+            self._core.give_up(number, f"its request failed: {error!r}")
 
     def _flush(self, now_s: float) -> None:
         """Send as much as the clients' buffers have room for."""
@@ -175,7 +175,7 @@ class SpnavServer:
                 self._drop(sock)
                 continue
             except Exception as error:  # An error of this program's settings; the others continue.
-                core.give_up(number, f"what is to be sent to it failed: {error!r}")
+                core.give_up(number, f"its data could not be sent: {error!r}")
             self._watch(sock, selectors.EVENT_READ | (selectors.EVENT_WRITE if blocked else 0))
 
     def _watch(self, sock: socket.socket, events: int) -> None:

@@ -47,7 +47,7 @@ def test_beside_the_kernels_driver(extension, motion_plus):
     assert bench.opened == 1
     words = " ".join(bench.diagnosis())
     assert "hid-wiimote" in words
-    assert "answers to what another program asked" in words
+    assert "answers to another program's requests" in words
 
 
 def sent_since(bench, number, kind):

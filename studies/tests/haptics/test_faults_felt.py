@@ -73,7 +73,7 @@ def test_a_dead_source_is_a_ramp_of_5_ms(name):
         ("comm error", OperatingState.FAULT, "the device is lost"),
         ("unplugged", OperatingState.FAULT, "the device is lost"),
         ("NaN as position", OperatingState.FAULT, "a number was not finite"),
-        ("thrown along the wall", OperatingState.FAULT, "flew"),
+        ("thrown along the wall", OperatingState.FAULT, "moved too fast"),
         ("calibration lost", OperatingState.ENABLED, "not calibrated"),
         ("docked", OperatingState.ENABLED, "inkwell"),
         ("ticks at 200 Hz", OperatingState.ENABLED, "too slow"),

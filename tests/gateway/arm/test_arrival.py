@@ -66,7 +66,7 @@ def test_an_ideal_arm_waits_for_a_few_cycles_only(verb, kind):
     [
         ("movj", r"has not arrived 2 s after its command: joint_2_l is 0.0300 from its goal"),
         ("movl", r"has not arrived 2 s after its command: the TCP is \d+\.\d mm and 0\.03"),
-        ("trajectory", r"goal tolerance: joint_2_l is 0.0300 from where it is to be"),
+        ("trajectory", r"goal tolerance: joint_2_l is 0.0300 off its trajectory"),
     ],
 )
 def test_an_arm_that_stays_off_its_goal_is_not_waited_for_for_ever(verb, reason):

@@ -260,7 +260,7 @@ def test_after_a_stall_the_reference_is_where_the_robot_is():
     device = bench.device._replace(stamp_s=bench.now_s)
     assert bench.core.tick(state, device) == PoseCommand(elsewhere, ZERO_TWIST)
     assert bench.core.phase is Phase.DISARMED
-    assert "stood still for 0.6 s" in bench.status.message
+    assert "stalled for 0.6 s" in bench.status.message
 
 
 def test_gravity_sag_does_not_creep_into_the_reference():

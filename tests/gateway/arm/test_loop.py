@@ -56,7 +56,7 @@ def test_an_errand_that_was_refused_is_not_run_by_the_next_loop():
     with pytest.raises(MotionLoopError, match="not open"):
         link.do(lambda: done.append(1))
     link.begin()
-    link.attend()
+    link.run_due()
     assert not done
 
 
@@ -111,7 +111,7 @@ def test_a_caller_that_stops_looking_leaves_no_state_unanswered():
     ("broken", "words"),
     [
         (lambda: 1 / 0, "its driver failed: ZeroDivisionError: division by zero"),
-        (lambda: None, "its driver failed: {}() gave None"),
+        (lambda: None, "its driver failed: {}() returned None"),
         (lambda: sys.exit(3), "its driver failed: SystemExit: 3"),
     ],
 )
@@ -137,16 +137,20 @@ SILENT = RobotState(0.0, RobotLink.WAITING, 1, 0, 0.004, (), (), None, "")
 @pytest.mark.parametrize(
     ("call", "given", "words"),
     [
-        ("state", LIVE._replace(link="live"), "state() gave the link 'live'"),
-        ("state", LIVE._replace(axes=(0.1, 0.1)), "state() gave the axes (0.1, 0.1), which are"),
-        ("state", LIVE._replace(axes=("0.1",) * 6), "state() gave the axes ('0.1', "),
-        ("state", LIVE._replace(axes=None), "state() gave the axes None"),
-        ("state", LIVE._replace(buttons=["left"]), "state() gave the buttons ['left']"),
-        ("state", LIVE._replace(stamp_s=None), "state() gave the time None"),
-        ("state", LIVE._replace(stamp_s=math.nan), "state() gave the time nan"),
-        ("state", LIVE._replace(pose=5), "state() gave the pose 5"),
-        ("button_events", [1], "button_events() gave 1 for an event"),
-        ("button_events", (None,), "button_events() gave None for an event"),
+        ("state", LIVE._replace(link="live"), "state() returned the link 'live'"),
+        (
+            "state",
+            LIVE._replace(axes=(0.1, 0.1)),
+            "state() returned the axes (0.1, 0.1), which are",
+        ),
+        ("state", LIVE._replace(axes=("0.1",) * 6), "state() returned the axes ('0.1', "),
+        ("state", LIVE._replace(axes=None), "state() returned the axes None"),
+        ("state", LIVE._replace(buttons=["left"]), "state() returned the buttons ['left']"),
+        ("state", LIVE._replace(stamp_s=None), "state() returned the time None"),
+        ("state", LIVE._replace(stamp_s=math.nan), "state() returned the time nan"),
+        ("state", LIVE._replace(pose=5), "state() returned the pose 5"),
+        ("button_events", [1], "button_events() returned 1 for an event"),
+        ("button_events", (None,), "button_events() returned None for an event"),
     ],
 )
 def test_a_part_of_what_a_device_gives_that_is_none_is_named(call, given, words):
@@ -167,7 +171,7 @@ def test_a_diagnosis_is_lines_of_text(given):
 
 def test_what_a_driver_counts_are_numbers():
     assert counted({"lost": 1, "period_s": 0.1}) == {"lost": 1, "period_s": 0.1}
-    with pytest.raises(TypeError, match=r"metrics\(\) gave 'x' for 'lost', not a number"):
+    with pytest.raises(TypeError, match=r"metrics\(\) returned 'x' for 'lost', not a number"):
         counted({"lost": "x"})
 
 
@@ -185,37 +189,37 @@ def test_any_kind_of_number_is_one(number):
         (
             "cycles",
             lambda: iter([SILENT._replace(link="live")]),
-            "cycles() gave the link 'live'",
+            "cycles() returned the link 'live'",
         ),
         (
             "cycles",
             lambda: iter([SILENT._replace(hold_reason=None)]),
-            "cycles() gave the hold_reason None",
+            "cycles() returned the hold_reason None",
         ),
         (
             "cycles",
             lambda: iter([SILENT._replace(joints=(None,))]),
-            "cycles() gave the joints (None,), which are not numbers",
+            "cycles() returned the joints (None,), which are not numbers",
         ),
         (
             "cycles",
             lambda: iter([SILENT._replace(velocities=("fast",))]),
-            "cycles() gave the velocities ('fast',), which are not numbers",
+            "cycles() returned the velocities ('fast',), which are not numbers",
         ),
         (
             "cycles",
             lambda: iter([SILENT._replace(stamp_s=math.nan)]),
-            "cycles() gave the stamp_s nan, which is not a finite number",
+            "cycles() returned the stamp_s nan, which is not a finite number",
         ),
         (
             "cycles",
             lambda: iter([SILENT._replace(period_s=math.inf)]),
-            "cycles() gave the period_s inf, which is not a finite number",
+            "cycles() returned the period_s inf, which is not a finite number",
         ),
         ("cycles", lambda: sys.exit(3), "SystemExit: 3"),
         ("send", lambda _command: sys.exit(), "SystemExit"),
         ("cycles", lambda: 1 / 0, "ZeroDivisionError: division by zero"),
-        ("cycles", lambda: iter([None]), "cycles() gave None"),
+        ("cycles", lambda: iter([None]), "cycles() returned None"),
         ("send", lambda _command: 1 / 0, "ZeroDivisionError: division by zero"),
     ],
 )

@@ -93,7 +93,7 @@ def test_a_pause_of_this_computer_is_a_stall_only_when_it_is_long():
     assert watched.look(0.1) is None
     assert watched.look(0.101) == (
         Cause.STALLED,
-        "this computer or the network stood still for 0.1 s",
+        "this computer or the network stalled for 0.1 s",
     )
     assert watched.look() is None
 

@@ -189,8 +189,8 @@ def test_a_flood_keeps_the_newest_and_is_reported(bench):
     bench.poll()
     assert len(bench.requests) - before == 8  # the depth of the queue
     assert bench.server.lost == 992
-    reasons = [reason for _, _, _, reason in bench.results() if "displaced" in reason]
-    assert reasons == ["movj: numbers 2 to 993 were lost on their way, or displaced by newer ones"]
+    reasons = [reason for _, _, _, reason in bench.results() if "replaced" in reason]
+    assert reasons == ["movj: numbers 2 to 993 were lost on their way, or replaced by newer ones"]
 
 
 def test_of_a_stream_only_the_newest_counts_and_only_changes_are_reported(bench):

@@ -71,7 +71,7 @@ def test_the_first_type_that_arrives_is_taken_and_reported(bench):
     stream(bench, TWIST, twist(z=0.1))
     assert bench.world.verbs.streams.kind is Stream.TWIST
     assert outcomes(bench) == [
-        ("twist", "accepted", "its stamp is zero: it counts as sent when it came")
+        ("twist", "accepted", "its stamp is zero: it counts as sent when it arrived")
     ]
     rest(bench)
     assert bench.world.six()[2] > before[2]
@@ -79,7 +79,7 @@ def test_the_first_type_that_arrives_is_taken_and_reported(bench):
     stream(bench, JOG, {"joint_names": ["wrist_3_joint"], "velocities": [0.5]})
     assert bench.world.verbs.streams.kind is Stream.JOINT
     assert outcomes(bench)[1:] == [
-        ("joints", "accepted", "its stamp is zero: it counts as sent when it came")
+        ("joints", "accepted", "its stamp is zero: it counts as sent when it arrived")
     ]
 
 

@@ -55,15 +55,15 @@ def test_levels_are_kept_and_tokens_are_nowhere(folder, level):
         assert get(port, "/metrics", Authorization=f"Bearer {RIGHT}") == 200
         assert get(port, f"/metrics?t={WRONG}") == 401
         assert get(port, f"/{RIGHT}?t={WRONG}") == 401
-        program.wait_for("was not let in", "stderr")
+        program.wait_for("was refused", "stderr")
         with ControlClient(socket) as client:
             stored = client.ask("log")
         words = Path(f"/proc/{row()['pid']}/cmdline").read_bytes().decode()
         assert program.end(signal.SIGTERM) == 0
     log = [json.loads(line) for line in program.err.splitlines()]
-    denied = [each for each in log if "was not let in" in each["message"]]
+    denied = [each for each in log if "was refused" in each["message"]]
     assert [(each["name"], each["level"]) for each in denied] == [("metrics", "warning")] * 2
-    assert {of for _, _, said, of in stored if "was not let in" in said} == {"warning"}
+    assert {of for _, _, said, of in stored if "was refused" in said} == {"warning"}
     levels = {each["level"] for each in log if each.get("event") == "said"}
     assert levels == ({"debug", "info", "warning"} if level == "debug" else {"warning"})
     everything = program.err + program.out + json.dumps(stored) + words

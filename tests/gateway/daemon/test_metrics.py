@@ -255,7 +255,7 @@ def test_a_fault_is_in_the_log(caplog):
             get(running)
         assert refused.value.code == 500
         refused.value.close()
-    assert "met with a fault of this server" in caplog.text
+    assert "internal error of this server" in caplog.text
     assert "KeyError: 'version'" in caplog.text
 
 

@@ -160,7 +160,7 @@ def test_a_daemon_that_stood_still_passes_no_motion_on(bench):
     bench.connection.since_s = time.monotonic() - 2 * LATE_S
     for verb in ("movl", "twist", "trajectory"):
         bench.ask(verb)
-        assert "the daemon stood still for" in bench.heard().value
+        assert "the daemon stalled for" in bench.heard().value
     bench.ask("stop")
     assert bench.asked == ["stop"]
 

@@ -25,11 +25,11 @@ TURNED = WorldMap(rotation=(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))
 def test_one_publisher_at_a_time_gives_the_feedback():
     feedback = PublishedFeedback(0.1)
     assert feedback.give(1, 1, FORCE, 1.0) == ""
-    assert "another publisher gives the feedback" in feedback.give(2, 1, FORCE, 1.05)
+    assert "another publisher sends the feedback" in feedback.give(2, 1, FORCE, 1.05)
     assert feedback.give(1, 2, FORCE, 1.1) == ""
     assert feedback.give(2, 2, FORCE, 1.1 + 1.1 * LEASE_S) == ""
     assert "another publisher" in feedback.give(1, 3, FORCE, 1.2 + 1.1 * LEASE_S)
-    assert feedback.diagnosis() == ("2 feedbacks refused: another publisher gave them",)
+    assert feedback.diagnosis() == ("2 feedbacks refused: another publisher sent them",)
 
 
 def test_after_a_stop_anybody_may_begin():

@@ -258,7 +258,7 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
     elif trouble == "silent robot":
         bench.robot = bench.robot._replace(link=RobotLink.LOST)
     else:
-        bench.core.inhibit("the session's time is over", Inhibit.FOR_GOOD)
+        bench.core.inhibit("the session's time limit is reached", Inhibit.FOR_GOOD)
     bench.run().tap("button_2").run(0.1)
     bench.device = good_device._replace(stamp_s=bench.now_s)
     bench.robot = good_robot

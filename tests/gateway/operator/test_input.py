@@ -784,7 +784,7 @@ def test_what_filters_say_is_reported():
     assert asked.source.filter_words() == (
         "slow here",
         "the filter rule failed: ValueError('no reading')",
-        "the filter rule failed: TypeError('status() gave 7, not a text')",
+        "the filter rule failed: TypeError('status() returned 7, not a text')",
     )
 
 

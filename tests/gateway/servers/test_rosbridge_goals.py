@@ -187,7 +187,7 @@ async def test_a_goal_whose_acceptance_does_not_come_is_canceled():
     async with a_goal() as bench:
         goal_id, answered = bench.server.asked.pop()
         bench.server.goals.accept(goal_id, 0, 0.0)
-        answered(Failure("/move/_action/send_goal: no reply: no server offers it, or late"))
+        answered(Failure("/move/_action/send_goal: no reply: no server offers it, or it is late"))
         await bench.settle()
         assert bench.server.states == [GoalStatus.CANCELED]
         assert "no reply" in bench.sent[0]["values"]

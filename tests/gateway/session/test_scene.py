@@ -126,7 +126,7 @@ def test_a_session_tells_it_as_it_opens():
     )
     network._node = node = FakeNode()
     node.join = node.open = lambda: None
-    part = SimpleNamespace(capabilities=None, raw_packet_callback=None, witness=None)
+    part = SimpleNamespace(capabilities=None, raw_packet_callback=None)
     network.open(part, part, None)
     (topic,) = (name for name in node.publishers if name.endswith("/scene"))
     assert [each["data"] for each in node.publishers[topic].messages] == ["one"]

@@ -342,7 +342,9 @@ class TestADriverThatFails:
         assert "ended its cycles() by itself" in session(**FEW).run().ending
         s = session(**FEW)
         s.robot.cycles = lambda: iter(())
-        with pytest.raises(DriverError, match=r"driver FakeRobot failed: cycles\(\) gave no state"):
+        with pytest.raises(
+            DriverError, match=r"driver FakeRobot failed: cycles\(\) returned no state"
+        ):
             s.run()
         assert not s.robot.is_open
         assert not s.device.is_open
@@ -373,7 +375,7 @@ class TestADriverThatFails:
         s.device.metrics = lambda: {"age_s": "old"}
         last = s.run()
         assert last.device.metrics == {}
-        assert any("metrics() gave 'old' for 'age_s'" in line for line in last.diagnosis)
+        assert any("metrics() returned 'old' for 'age_s'" in line for line in last.diagnosis)
 
     def test_closing(self, fake_drivers, caplog):
         s = session(**FEW)
@@ -382,7 +384,7 @@ class TestADriverThatFails:
         assert s.run().finished
         reported = [record.getMessage() for record in caplog.records]
         names = ["FakeRobot", "FakeDevice"]
-        assert reported == [f"{name} was not closed in good order" for name in names]
+        assert reported == [f"{name} could not be closed properly" for name in names]
 
     def test_opening(self, fake_drivers, monkeypatch):
         s = session(**FEW)
@@ -428,7 +430,7 @@ class TestAFilterThatFails:
     def test_closing(self, fake_drivers, caplog):
         assert self.run("close").finished
         assert [record.getMessage() for record in caplog.records] == [
-            "Failing was not closed in good order"
+            "Failing could not be closed properly"
         ]
 
     def test_its_words(self, fake_drivers):

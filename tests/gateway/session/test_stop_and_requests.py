@@ -44,7 +44,7 @@ class FakeVerbs:
         self.planning, self.go_on = threading.Event(), threading.Event()
         self.began, self.streamed, self.given = [], [], []
         self.streams = SimpleNamespace(kind=Stream.NONE)
-        self.stopped, self.reasons, self.askers = 0, [], []
+        self.stopped, self.reasons, self.sources = 0, [], []
         self.released = []
         self.waited_for = None
         self.stamp_s = 0.0
@@ -94,7 +94,7 @@ class FakeVerbs:
 
     def brake(self, reason, source):
         self.reasons.append(reason)
-        self.askers.append(source)
+        self.sources.append(source)
         self.stop()
 
     def stop(self):
@@ -171,13 +171,13 @@ def test_a_stop_acts_at_once_while_another_request_is_planned(bench):
     bench.ask(3, "stop")
     assert bench.heard() == (3, None)
     assert bench.verbs.stopped == 1
-    assert bench.verbs.askers == ["a"]
+    assert bench.verbs.sources == ["a"]
     bench.verbs.go_on.set()
     number, motion = bench.heard("movl")
     assert number == 1
     assert motion.outcome is Outcome.ABORTED
     assert bench.verbs.stopped == 2
-    assert bench.verbs.askers == ["a", ""], "one stop, counted once"
+    assert bench.verbs.sources == ["a", ""], "one stop, counted once"
     number, error = bench.heard()
     assert number == 2
     assert "stopped before it began" in str(error)
@@ -220,7 +220,7 @@ def test_a_motion_tells_of_its_end_before_what_is_answered_after(bench):
     bench.ask(1, "movl", POSE)
     number, begun = bench.heard("movl")
     assert (number, begun.outcome, begun.source) == (1, Outcome.RUNNING, "a")
-    bench.worker.attend()
+    bench.worker.run_due()
     bench.verbs.waited_for.outcome = Outcome.DONE
     bench.ask(2, "wait", 0.0)
     note = bench.heard()
@@ -234,7 +234,7 @@ def test_a_motions_end_is_reported_without_being_asked(bench):
     _, begun = bench.heard("movl")
     bench.verbs.waited_for.outcome = Outcome.DONE
     while not select.select([bench.ours], [], [], 0.001)[0]:
-        bench.worker.attend()
+        bench.worker.run_due()
     assert bench.heard() == begun._replace(outcome=Outcome.DONE)
 
 
@@ -259,7 +259,7 @@ def test_a_motion_that_was_asked_for_while_the_session_stood_still_is_not_begun(
     bench.ask(1, verb, POSE)
     number, error = bench.heard(verb)
     assert (number, type(error)) == (1, MotionRefusedError)
-    assert f"stood still for {1.5 * LATE_S:.1f} s" in str(error)
+    assert f"stalled for {1.5 * LATE_S:.1f} s" in str(error)
     assert bench.verbs.began == []
     bench.now_s += 0.5 * LATE_S
     bench.worker.turn(bench.now_s)
@@ -302,7 +302,7 @@ def test_what_waited_before_it_came_to_the_session_counts(bench, verb):
         request = Request(number, "a", verb, POSE, since_s=bench.now_s - waited_s)
         bench.offer(encode_request(request))
         answer = str(bench.heard(verb))
-        assert ("it waited" in answer or "stood still" in answer) is (number == 1)
+        assert ("it waited" in answer or "stalled" in answer) is (number == 1)
     assert len(bench.verbs.streamed) + len(bench.verbs.began) == 1
 
 
@@ -421,12 +421,12 @@ def begin(bench, client, verb, value):
 def test_a_motion_without_end_ends_with_who_asked_for_it(bench):
     client = Watched()
     assert begin(bench, client, "movv", POSE) == ("done", "movv")
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == []
     client.there = False
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == ["the node that sent the request is gone"]
-    bench.worker.attend()
+    bench.worker.run_due()
     assert client.heard.get(timeout=TIMEOUT_S)[:2] == ("ended", Outcome.ABORTED)
     assert len(bench.verbs.reasons) == 1
 
@@ -486,7 +486,7 @@ def test_a_motion_that_ends_by_itself_outlives_who_asked_for_it(bench):
     client = Watched()
     assert begin(bench, client, "movl", POSE) == ("done", "movl")
     client.there = False
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == []
 
 
@@ -517,5 +517,5 @@ def test_the_end_of_a_later_motion_does_not_wait_for_who_asked_before(bench):
     bench.verbs.began[0].outcome = Outcome.ABORTED  # the next motion took over
     begin(bench, other, "movv", POSE)
     client.there = False
-    bench.worker.attend()
+    bench.worker.run_due()
     assert bench.verbs.reasons == []

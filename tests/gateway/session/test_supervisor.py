@@ -195,5 +195,5 @@ def test_what_changes_is_logged(waiting, caplog):
         supervise(waiting, 0.3, lambda _snapshot: os.kill(os.getpid(), signal.SIGHUP))
     said = [record.getMessage() for record in caplog.records]
     assert "robot: waiting" in said
-    assert "told to end by SIGHUP" in said
+    assert "ending on SIGHUP" in said
     assert said.count("robot: waiting") == 1

@@ -17,7 +17,7 @@ def test_a_beat_ends_the_fault():
     assert heartbeat.fault(20.0)
     heartbeat.heard(20.0)
     assert heartbeat.fault(20.4) == ""
-    assert "it is stopped, or nobody reads what it shows" in heartbeat.fault(20.51)
+    assert "it is stopped, or its output is not read" in heartbeat.fault(20.51)
 
 
 def test_four_beats_may_be_missed_with_the_watchdogs_of_a_session():

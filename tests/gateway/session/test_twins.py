@@ -21,7 +21,7 @@ pytestmark = pytest.mark.matrix
 
 EXIT_USAGE = 2
 REFUSED = "and a command would go to both"
-INHIBITED = "this one takes no commands from the network"
+INHIBITED = "this one accepts only stops from the network"
 
 
 @pytest.fixture

@@ -81,7 +81,7 @@ class FollowJointTrajectory(FollowJoints):
 
     def _in_words(self, joint: int, away: float) -> str:
         name = self._servo.kinematics.names[joint]
-        return f"{name} is {away:.4f} from where it is to be after {self._elapsed_s:.2f} s"
+        return f"{name} is {away:.4f} off its trajectory after {self._elapsed_s:.2f} s"
 
 
 def _free_where_0(tolerance: Sequence[float]) -> FloatArray:

@@ -53,29 +53,29 @@ async def publish(network: Network, camera: Camera) -> None:
     except NetworkError as error:
         _log.warning("camera %s is not published: %s", camera.address.name, error)
         return
-    news, number = asyncio.Event(), 0
+    changed, number = asyncio.Event(), 0
     loop = asyncio.get_running_loop()
     try:
         while True:
             there = network.topics().get(topic)
             wanted = there is not None and bool(there.subscribers)
             if wanted:
-                camera.watch(news)
+                camera.watch(changed)
             else:
-                camera.leave(news)
-                news.clear()
-            look = loop.call_later(LOOK_S, news.set)
+                camera.leave(changed)
+                changed.clear()
+            look = loop.call_later(LOOK_S, changed.set)
             try:
-                await news.wait()
+                await changed.wait()
             finally:
                 look.cancel()
-            news.clear()
+            changed.clear()
             if wanted and camera.newest and camera.number != number:
                 number = camera.number
                 # It waits for a slow link, up to 50 ms, which pages do not.
                 await asyncio.to_thread(_put, publisher, camera)
     finally:
-        camera.leave(news)
+        camera.leave(changed)
         publisher.close()
 
 

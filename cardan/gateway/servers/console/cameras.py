@@ -86,21 +86,21 @@ class Camera:
         self._watchers: set[asyncio.Event] = set()
         self._reader: _Reader | None = None
 
-    def watch(self, news: asyncio.Event) -> None:
-        """Set `news` at each picture, and now if there is one; twice is fine."""
-        if news in self._watchers:
+    def watch(self, changed: asyncio.Event) -> None:
+        """Set `changed` at each picture, and now if there is one; idempotent."""
+        if changed in self._watchers:
             return
-        self._watchers.add(news)
+        self._watchers.add(changed)
         if self.newest:
-            news.set()
+            changed.set()
         if self._reader is None:
             loop = asyncio.get_running_loop()
             self._reader = reader = _Reader(self.address, lambda *it: _put(loop, self._take, *it))
             reader.start()
 
-    def leave(self, news: asyncio.Event) -> None:
-        """Remove a waiting page; twice is fine."""
-        self._watchers.discard(news)
+    def leave(self, changed: asyncio.Event) -> None:
+        """Remove a waiting page; idempotent."""
+        self._watchers.discard(changed)
         if not self._watchers and self._reader is not None:
             self._reader.ended.set()
             self._reader, self.newest, self.why = None, b"", ""

@@ -174,7 +174,7 @@ class ImuChannel(_PublishingChannel):
             )
         # Nothing is held, and nothing moves by it: only its age counts.
         verdict = self.hold.take(frame._replace(hold=True), made_s, now_s)
-        # A hidden page hears nothing of its sensors: its readings are old ones.
+        # A hidden page gets no sensor events: its readings are old ones.
         self.hold.grip, self.hold.why = Grip.FREE, "" if frame.visible else "the page is hidden"
         measured = phone.angles_deg, phone.rates_rad_s, phone.acceleration_m_s2
         if verdict is HoldVerdict.DROPPED or not frame.visible or not any(measured):

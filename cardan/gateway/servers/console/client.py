@@ -650,26 +650,26 @@ class PageOperator:
         self._send(object_text(op="cardan.camera", id=identity, cameras=names))
 
     async def _watch_camera(self, camera: Camera, unshown: Unshown) -> None:
-        news, reported, number = asyncio.Event(), "", 0
+        changed, reported, number = asyncio.Event(), "", 0
         try:
             while True:
-                camera.watch(news)
-                await news.wait()
+                camera.watch(changed)
+                await changed.wait()
                 await self._calm()
-                news.clear()
+                changed.clear()
                 if camera.why != reported:
                     reported = camera.why
                     self._send(object_text(op="cardan.camera", why=reported))
                 if camera.newest and camera.number != number:
                     number = camera.number
                     self._send_picture(camera, unshown)
-                rest = self._loop.call_later(UNSHOWN_S, camera.leave, news)
+                rest = self._loop.call_later(UNSHOWN_S, camera.leave, changed)
                 try:
                     await unshown.room.wait()
                 finally:
                     rest.cancel()
         finally:
-            camera.leave(news)
+            camera.leave(changed)
 
     def _send_picture(self, camera: Camera, unshown: Unshown) -> None:
         """Send a picture, its description first, which arrives before a slow link has carried the

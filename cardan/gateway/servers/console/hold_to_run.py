@@ -119,7 +119,8 @@ class Hold:
             self.lose(f"no frame for {1e3 * FRESH_S:.0f} ms")
         else:
             self.lose(
-                f"held for {self.longest_s:g} s without a sign of who holds: let go and press again"
+                f"held for {self.longest_s:g} s without a sign of the operator: release and "
+                "press again"
             )
         return True
 

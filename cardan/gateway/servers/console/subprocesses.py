@@ -16,7 +16,7 @@ CARDAN: Final = (sys.executable, "-m", "cardan.gateway.session.parent_death", ""
 """Words before a command: it ends with this process, even after a kill."""
 
 ENDS_WITHIN_S: Final = 10.0
-"""Longest time for a command to end in good order: a recorder writes messages that have arrived."""
+"""Longest time for a command's orderly shutdown: a recorder writes messages that have arrived."""
 
 MOST_LINE: Final = 64 * 1024
 """Bytes of a line that is read."""
@@ -72,7 +72,7 @@ class AsyncSubprocess:
             await asyncio.shield(self._reading)
 
     def ask_to_end(self) -> None:
-        """Request its end. Does not wait; twice is fine."""
+        """Request its end. Does not wait; idempotent."""
         if self._process is not None and self._process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 self._process.terminate()

@@ -316,7 +316,7 @@ def silence_makes_it_hold(decoded: JointStreamTraffic) -> Verdict:
     ),
 )
 def figures_are_plausible(each: tuple[State, State]) -> str | None:
-    """The stamp goes up with the sequence, by the period that is told."""
+    """The stamp goes up with the sequence, by the announced period."""
     a, b = each
     cycles = b.value.sequence - a.value.sequence
     if cycles <= 0:

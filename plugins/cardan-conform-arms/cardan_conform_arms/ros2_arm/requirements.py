@@ -255,7 +255,7 @@ def _far(one: State, other: State) -> float:
     return max((v for v in values if math.isfinite(v)), default=0.0)
 
 
-@requires(101, f"{FORWARD}: what comes is passed on at once")
+@requires(101, f"{FORWARD}: each command is passed on at once")
 def an_arm_that_is_held_stays(decoded: RosArmTraffic) -> Verdict:
     """Commanded to be where it is, every joint stays within 0.6 degrees."""
     before, found = decoded.during("listen"), decoded.during("hold")

@@ -17,6 +17,6 @@ with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sensor:
         try:
             sensor.sendto(reading, path)
         except OSError as error:
-            print(f"nobody listens at {path}: {error.strerror}")
+            print(f"no program listens at {path}: {error.strerror}")
             time.sleep(1.0)
         time.sleep(PERIOD_S)

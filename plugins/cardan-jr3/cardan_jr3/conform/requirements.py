@@ -43,7 +43,7 @@ FIRST_COUNTER = 2000
 """A quarter of a second of samples."""
 
 requires: Requirements[Jr3Traffic] = Requirements("JR3")
-_NOT_RUN = "it was not told to acquire"
+_NOT_RUN = "acquisition was not started"
 
 
 def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOT_RUN) -> Verdict:
@@ -55,7 +55,7 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _N
 
 @requires(1, f"{FIRMWARE}: BOOTUP once the sensor is read")
 def it_says_that_it_started(decoded: Jr3Traffic) -> Verdict:
-    """Powered, the board says BOOTUP once, and samples only when it is told to."""
+    """Powered, the board sends BOOTUP once, and samples only on request."""
     found = decoded.during("listen")
     boots = [each for each in found if isinstance(each.value, Bootup)]
     others = [each.number for each in found if not isinstance(each.value, Bootup)]
@@ -191,7 +191,7 @@ def samples_come_in_their_period(decoded: Jr3Traffic) -> Verdict:
     return passed(said, longest * 1e3, "ms") if good else failed(said, [found[-1][0].number])
 
 
-@requires(107, f"{FIRMWARE}: what it was told is void after BOOTUP")
+@requires(107, f"{FIRMWARE}: its settings are lost after BOOTUP")
 def it_does_not_start_anew(decoded: Jr3Traffic) -> Verdict:
     """No BOOTUP comes while it is used."""
     listen = decoded.phase("listen")

@@ -212,7 +212,7 @@ def _refusal(interface: str, channel: str, where: str, error: BaseException) -> 
     if interface == "socketcan" and number in _NO_NETWORK:
         if number == errno.EAFNOSUPPORT:
             return DriverError(f"{words}; this kernel has no CAN")
-        return DeviceNotFoundError(f"{words}; `ip link` lists the interfaces there are")
+        return DeviceNotFoundError(f"{words}; `ip link` lists the available interfaces")
     if interface == "socketcan" and number == errno.ENETDOWN:
         return DeviceAccessError(f"{words}; {_down(channel)}")
     if interface == "udp_multicast" and number in _NO_ROUTE:

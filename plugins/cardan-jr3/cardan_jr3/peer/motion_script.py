@@ -29,8 +29,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
         "overload FX|FY|FZ|MX|MY|MZ [over SECONDS] (one component to 1.5 times its full scale)"
     ),
     "sensor-unplug": (
-        "sensor-unplug (the sensor's cable: the board goes on sending the last sample, "
-        "counter and all)"
+        "sensor-unplug (the sensor's cable: the board repeats the last sample with its counter)"
     ),
     "sensor-plug": "sensor-plug (the sensor's cable is back)",
     "power-off": "power-off (the board's power fails)",

@@ -147,7 +147,7 @@ class SocketcandHub(CanBackend):
         """Return the time at which the next client's frames are released, monotonic s."""
         return min((client.joins_s for client in self.clients), default=math.inf)
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Release frames that have waited long enough, and accept new clients."""
         for client in tuple(self.clients):
             if client.joins_s <= now_s:

@@ -174,7 +174,7 @@ class LeapCore(DeviceCore):
         elif any(device.attached for device in devices):
             self._invalidate_input(
                 DeviceLink.STALE,
-                "the tracker does not deliver: tracking is paused, or it is held up by USB",
+                "the tracker sends no frames: tracking is paused, or it is held up by USB",
                 now_s,
             )
         else:

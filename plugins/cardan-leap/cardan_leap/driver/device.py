@@ -190,4 +190,4 @@ def _look(options: LeapOptions) -> tuple[str, list[DeviceEvent]]:
 
 
 def _obstacle(event: DeviceEvent) -> str:
-    return "" if event.streaming else "it does not deliver: tracking is paused"
+    return "" if event.streaming else "it sends no frames: tracking is paused"

@@ -14,7 +14,7 @@ HIGHEST_VERSION = 7
 frames."""
 
 VERSION = bounds.Range(1, HIGHEST_VERSION, "", "there are no later frames of this form")
-MIN_VISIBLE_S = bounds.Range(0.0, 10.0, "s", "an operator who waits longer takes it for broken")
+MIN_VISIBLE_S = bounds.Range(0.0, 10.0, "s", "an operator would take it for broken")
 CUTOFF_HZ = bounds.Range(0.0, 1000.0, "Hz", "above the frame rate it filters nothing", zero="none")
 CUTOFF_RISE_1_M = bounds.Range(
     0.0, 1000.0, "Hz per m/s", "above it not even slow motion would be filtered"

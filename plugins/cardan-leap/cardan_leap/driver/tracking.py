@@ -42,7 +42,7 @@ COUNTERS: Mapping[str, str] = MappingProxyType(
         "hands_lost": f"times a hand in view was not measured for {LOST_AFTER_S:.1f} s",
         "absurd": f"hands beyond {REACH_M:g} m or without an attitude",
         "jumps": "hands that jumped or flipped over",
-        "unsure": "hands of too little confidence",
+        "unsure": "hands with too low a confidence",
         "unreadable": "hands without id, palm, direction, or a confidence in 0..1",
     }
 )

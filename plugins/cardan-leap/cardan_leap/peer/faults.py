@@ -9,7 +9,7 @@ from cardan.sim_peers.base import FaultSwitch
 FAULTS = (
     FaultSwitch("unplug", "the tracker is unplugged at VALUE s", 3.0),
     FaultSwitch("replug", "the tracker that was unplugged is back at VALUE s", 4.0, after="unplug"),
-    FaultSwitch("pause", "the tracker stops to deliver at VALUE s", 3.0),
+    FaultSwitch("pause", "the tracker stops sending frames at VALUE s", 3.0),
     FaultSwitch("no-device", "no tracker is plugged in"),
     FaultSwitch("stall", "no frames for VALUE s, every 5 s", 0.3, 0.0, 5.0),
     FaultSwitch(
@@ -22,7 +22,7 @@ FAULTS = (
     FaultSwitch("highest-version", "versions above VALUE are closed with code 1001", 4.0, 1.0, 6.0),
     FaultSwitch("lost-focus", "another program takes the focus at VALUE s", 3.0),
     FaultSwitch("malformed", "every VALUE-th frame is cut short", 10.0, 1.0),
-    FaultSwitch("unknown", "a message of no known kind before every VALUE-th frame", 10.0, 1.0),
+    FaultSwitch("unknown", "a message of unknown kind before every VALUE-th frame", 10.0, 1.0),
     FaultSwitch("no-palm", "every VALUE-th frame has hands without a palm", 10.0, 1.0),
     FaultSwitch("absurd", "every VALUE-th frame has its hands 5 m away", 10.0, 1.0),
     FaultSwitch("repeat", "every VALUE-th frame comes twice", 10.0, 1.0),

@@ -100,7 +100,7 @@ class LeapWebSocket(DeviceBackend[Message]):
         """Stop listening; connections stay."""
         self._server.stop_listening()
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Cut every connection when the service restarts."""
         if self._restarts != self._service.restarts:
             self._restarts = self._service.restarts

@@ -382,7 +382,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
                     words += f": {error_words(details.error, details.internal_error)}"
                 raise DeviceAccessError(words)
             raise DeviceAccessError(
-                f"the library's loop has stood still for {DEAD_AFTER_S:g} s without an error"
+                f"the library's loop has stalled for {DEAD_AFTER_S:g} s without an error"
             )
         self._ticks_seen = snapshot.ticks
         with self._lock:

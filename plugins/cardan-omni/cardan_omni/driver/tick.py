@@ -63,7 +63,7 @@ class Tick:
         limits = limits or TickLimits()
         self._pointer = self._library.tick_create(ctypes.byref(c_limits(limits)))
         if not self._pointer:
-            raise DriverError(f"the tick does not take {limits}")
+            raise DriverError(f"the force loop does not accept {limits}")
         self.limits = limits
         """Limits in force."""
 
@@ -71,7 +71,7 @@ class Tick:
         """Apply `limits` from the next step on."""
         with self._writing:
             if self._library.tick_set_limits(self.pointer(), ctypes.byref(c_limits(limits))):
-                raise DriverError(f"the tick does not take {limits}")
+                raise DriverError(f"the force loop does not accept {limits}")
             self.limits = limits
 
     def command(self, command: HapticCommand, now_s: float | None = None) -> bool:
@@ -81,23 +81,23 @@ class Tick:
         impossible, too large, or stamped in the future; the previous command then stays in force.
         """
         if len(command.fixtures) > MAX_FIXTURES:
-            raise CommandError(f"a haptic command cannot be taken: {_WRONG[4]}")
+            raise CommandError(f"a haptic command is refused: {_WRONG[4]}")
         with self._writing:
             tick = self.pointer()
             try:
                 pack_command(self._command, command)
             except (struct.error, TypeError, OverflowError) as error:
-                raise CommandError(f"a haptic command cannot be taken: {error}") from None
+                raise CommandError(f"a haptic command is refused: {error}") from None
             result: int = self._library.tick_command(
                 tick, self._command_at, math.nan if now_s is None else now_s
             )
         if result == _STAMP_IN_FUTURE:
             raise CommandError(
-                f"a haptic command cannot be taken: its stamp, {command.stamp_s:.3f} s, is in "
+                f"a haptic command is refused: its stamp, {command.stamp_s:.3f} s, is in "
                 "the future: stamps are of the monotonic clock, time.monotonic()"
             )
         if result > _DROPPED:
-            raise CommandError(f"a haptic command cannot be taken: {_WRONG[result]}")
+            raise CommandError(f"a haptic command is refused: {_WRONG[result]}")
         return result == _TAKEN
 
     def step(self, sample: StylusSample) -> Vector3:

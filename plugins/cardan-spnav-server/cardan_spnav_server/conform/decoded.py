@@ -33,7 +33,7 @@ class Record(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """Request of ours, and its replies: several if the answer is a string."""
+    """Request of the suite, and its replies: several if the answer is a string."""
 
     number: int
     time_s: float

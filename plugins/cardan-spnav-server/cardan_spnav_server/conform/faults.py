@@ -11,8 +11,8 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.flag("version-0", "knows no handshake, as spacenavd before 1.0"),
     FaultSwitch.flag("grants-all", "grants whatever version is asked for"),
     FaultSwitch("short", "every VALUE-th record is cut short", 20.0, 1.0),
-    FaultSwitch("unknown", "a record of no known type before every VALUE-th motion", 20.0, 1.0),
-    FaultSwitch.flag("tells-all", "says that its device is there to clients of version 0, too"),
+    FaultSwitch("unknown", "a record of unknown type before every VALUE-th motion", 20.0, 1.0),
+    FaultSwitch.flag("tells-all", "reports its device to clients of version 0, too"),
     FaultSwitch.flag("unmirrored", "rotations are left-handed"),
     FaultSwitch(
         "repeat", "repeats the last deflection every VALUE ms, as repeat-interval", 1.0, 0.1, 999.0
@@ -30,7 +30,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("no-answer", "every VALUE-th request is not answered", 5.0, 1.0),
     FaultSwitch.flag("bare-word", "replies have the request's code only, without libspnav's mark"),
     FaultSwitch.flag("name-answered", "the client's name is answered, too"),
-    FaultSwitch.flag("grants-unknown", "requests that there are not are granted"),
+    FaultSwitch.flag("grants-unknown", "unknown requests are granted"),
     FaultSwitch.flag("mask-ignored", "an event mask is granted, and does not act"),
     FaultSwitch.flag("mask-zeros", "sends zeros in place of an event that the mask leaves out"),
     FaultSwitch("mask", "clients of version 1 have the mask VALUE after the handshake", 3.0),

@@ -225,7 +225,7 @@ def buttons_are_reported(decoded: SpnavTraffic) -> Verdict:
     up = {edge.number for _, edge in decoded.buttons(OLD, "release") if not edge.pressed}
     if not down:
         return failed("pressing was not reported")
-    return passed("pressed and let go") if down <= up else failed("letting go was not reported")
+    return passed("pressed and let go") if down <= up else failed("the release was not reported")
 
 
 @requires(13, f"{PROTOCOL}: events 1 and 2")
@@ -312,7 +312,7 @@ def names_are_not_answered(decoded: SpnavTraffic) -> Verdict:
     return _bad(wrong, len(found), "no reply", "none was sent")
 
 
-@requires(105, f"{PROTOCOL}: status -1 of what it does not know")
+@requires(105, f"{PROTOCOL}: status -1 for unknown requests")
 def unknown_requests_are_refused(decoded: SpnavTraffic) -> Verdict:
     """A request that there is not is answered, and refused."""
     found = decoded.sent_request(UNKNOWN)

@@ -25,7 +25,7 @@ class Report(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """An output report of ours."""
+    """An output report of the suite."""
 
     number: int
     time_s: float

@@ -107,7 +107,9 @@ def buttons_are_reported(decoded: WiimoteTraffic) -> Verdict:
     if not any(down):
         return failed("pressing was not reported")
     return (
-        passed("pressed and let go") if up and not up[-1] else failed("letting go was not reported")
+        passed("pressed and let go")
+        if up and not up[-1]
+        else failed("the release was not reported")
     )
 
 
@@ -328,7 +330,7 @@ def the_nunchuk_says_what_it_is(decoded: WiimoteTraffic) -> Verdict:
         return passed(f"{kind}") if kind is not None else failed(reads[-1].data.hex(" "))
     nunchuk = decode_nunchuk(data[-1][:6])
     if nunchuk is None:
-        return failed("its data are none of a Nunchuk")
+        return failed("its data are not those of a Nunchuk")
     said = f"a Nunchuk, stick {nunchuk.stick_x}, {nunchuk.stick_y}"
     good = 90 < nunchuk.stick_x < 166 and 90 < nunchuk.stick_y < 166
     return passed(said) if good else failed(said)
@@ -363,4 +365,6 @@ def switching_off_is_reported(decoded: WiimoteTraffic) -> Verdict:
     if not gone:
         return not_seen("it was not switched off")
     after = [each.number for each in decoded.reports if each.number > gone[0]]
-    return failed("reports come from what is off", after) if after else passed("reported")
+    return (
+        failed("reports come from the switched-off remote", after) if after else passed("reported")
+    )

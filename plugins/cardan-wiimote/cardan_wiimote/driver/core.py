@@ -107,7 +107,7 @@ class WiimoteCore(DeviceCore):
     _counters: ClassVar[Mapping[str, str]] = {
         "silences": f"silences of more than {STALE_AFTER_S:g} s",
         "mode_restores": "times another program had changed its data mode",
-        "foreign_answers": "answers to what another program asked it",
+        "foreign_answers": "answers to another program's requests",
         "timeouts": "requests that it did not answer in time",
     }
 
@@ -222,7 +222,7 @@ class WiimoteCore(DeviceCore):
         """Switch on the LED of the options (default: the first), or switch all off."""
         self._led = 1 << max(self._options.led, 1) >> 1 if on else 0
 
-    def parting(self) -> list[bytes]:
+    def final_reports(self) -> list[bytes]:
         """Return the output reports to send before closing: the LEDs as requested last."""
         return [] if self._led is None else [encode_output(Leds(self._led))]
 
@@ -308,7 +308,9 @@ class WiimoteCore(DeviceCore):
             words.append("its batteries are nearly empty")
         if session.started:
             if self._link is DeviceLink.LIVE and not self._tilt.trusted(now_s):
-                words.append("it is shaken: its tilt cannot be told from that, and counts as none")
+                words.append(
+                    "it is shaken: its tilt cannot be measured meanwhile, and counts as zero"
+                )
             if self._roles.yaw:
                 words.append("tilt to the side turns about z (button 2): press 1 for about x")
             words += self._part_notes()
@@ -342,7 +344,7 @@ class WiimoteCore(DeviceCore):
             "ClassicBondedOnly)"
         )
         if self._identity.late_model:
-            words += ", or woken with 1 and 2, which a -TR remote does not stand"
+            words += ", or woken with 1 and 2, which a -TR remote does not tolerate"
         return words
 
     # -- data ----------------------------------------------------------------------------------

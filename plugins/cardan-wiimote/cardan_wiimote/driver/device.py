@@ -191,7 +191,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 received = link.read(0.0)
             self._notify()
         with self._lock:
-            reports = self._core.parting()
+            reports = self._core.final_reports()
         for report in reports:
             link.write(report)
 

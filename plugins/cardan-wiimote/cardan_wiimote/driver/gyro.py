@@ -17,7 +17,7 @@ STILL_RAD_S = math.radians(3.0)
 """Largest difference of rates that counts as still."""
 
 STEADY_TURN_RAD_S = math.radians(10.0)
-"""Rate beyond which it is a steady rotation, and not a changed bias."""
+"""Rate above which steady readings count as a rotation, not as a changed bias."""
 
 LARGEST_BIAS_RAD_S = math.radians(3.0)
 """Largest change of the bias that is accepted. A slower steady rotation looks like a change, and

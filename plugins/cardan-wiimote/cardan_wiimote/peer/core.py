@@ -72,7 +72,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 ExtensionName = Literal["", "nunchuk"]
 """Plugged extension; empty: none."""
-NoiseLsb = Annotated[int, Range(0, 50, "counts", "what the gyroscopes have four times as much of")]
+NoiseLsb = Annotated[int, Range(0, 50, "counts", "the gyroscopes have four times as much noise")]
 TICK_S = 0.010
 """Period of the data reports and of the pieces of a read."""
 TICK_JITTER_S = 0.001

@@ -131,7 +131,7 @@ class ChannelBackend(DeviceBackend[bytes]):
             except OSError:
                 self._lose()
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Close channels as the remote does."""
         remote = self._remote
         if self._interrupt_up or (self._control_up and remote.connected):

@@ -96,7 +96,7 @@ class UhidRemote(UhidBackend):
         if not self._remote.connected:
             self._hang_up()
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Disconnect after the remote has closed a channel: the kernel drops a device at either."""
         if not (self._remote.control_open and self._remote.interrupt_open):
             self._hang_up()

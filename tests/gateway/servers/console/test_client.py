@@ -209,7 +209,7 @@ def test_a_page_renews_a_hold_and_is_reported_how_long_it_goes_on(network, arm, 
         page.settle()
         assert not [each for each in page.heard if each.get("grip") == "lost"]
         keep(page, 2.0)
-        assert "without a sign of who holds" in page.grip("lost")["why"]
+        assert "without a sign of the operator" in page.grip("lost")["why"]
         until(lambda: numbers(arm.requests[-1]) == REST, "the stream rests")
         page.ask("cardan.renew", channel=9, id="r")
         assert "not open" in page.next("cardan.refused", id="r")["why"]

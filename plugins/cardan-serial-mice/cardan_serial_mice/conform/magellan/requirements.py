@@ -102,7 +102,7 @@ def buttons_are_reported(decoded: MagellanTraffic) -> Verdict:
 
 
 @requires(11, "the system's serial driver")
-def it_stays(decoded: MagellanTraffic) -> Verdict:
+def stays_connected(decoded: MagellanTraffic) -> Verdict:
     """The port does not go while it is used."""
     return checks.stays(decoded)
 

@@ -88,7 +88,7 @@ def ends_with_zero(decoded: Traffic) -> Verdict:
 def silent_at_rest(decoded: Traffic) -> Verdict:
     """Check that it sends no motion after the release of the cap."""
     if decoded.phase("push-rest") is None or not decoded.packets:
-        return not_seen("it was never let go")
+        return not_seen("it was never released")
     talks = [each.number for each in decoded.motions("rest", "push-rest", "twist-rest")]
     return failed(f"{len(talks)} packets at rest", talks) if talks else passed("silent")
 
@@ -138,7 +138,7 @@ def buttons(decoded: Traffic) -> Verdict:
     if down[-1] & (down[-1] - 1):
         return failed("two are reported")
     if not up:
-        return failed("letting go was not reported")
+        return failed("the release was not reported")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
@@ -148,7 +148,7 @@ def stays(decoded: Traffic) -> Verdict:
     wrong = [index for index in decoded.lost if phase is None or index < phase.first]
     if decoded.refused:
         return not_seen("it was never opened")
-    return failed("it went", wrong) if wrong else passed("it stayed")
+    return failed("it disconnected", wrong) if wrong else passed("connected all the time")
 
 
 def unplugged(decoded: Traffic) -> Verdict:
@@ -158,7 +158,7 @@ def unplugged(decoded: Traffic) -> Verdict:
     if not gone:
         return not_seen("it was not unplugged, or its port stays without it")
     after = [each.number for each in decoded.packets if each.number > gone[0]]
-    return failed("packets come from what is gone", after) if after else passed("reported")
+    return failed("packets come from the unplugged device", after) if after else passed("reported")
 
 
 def answered(asked: Asked[Any] | None, within_s: float) -> Verdict:

@@ -39,7 +39,7 @@ class Packet(Generic[V]):
 
 @dataclass(frozen=True)
 class Asked(Generic[V]):
-    """A command of ours, and the first packet after it that answers it."""
+    """A command of the suite, and the first packet after it that answers it."""
 
     number: int
     time_s: float

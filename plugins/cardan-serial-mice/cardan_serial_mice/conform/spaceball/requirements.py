@@ -111,7 +111,7 @@ def buttons_are_reported(decoded: BallTraffic) -> Verdict:
 
 
 @requires(7, "the system's serial driver")
-def it_stays(decoded: BallTraffic) -> Verdict:
+def stays_connected(decoded: BallTraffic) -> Verdict:
     """The port does not go while it is used."""
     return checks.stays(decoded)
 

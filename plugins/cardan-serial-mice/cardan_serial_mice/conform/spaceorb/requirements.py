@@ -137,7 +137,7 @@ def buttons_are_reported(decoded: OrbTraffic) -> Verdict:
 
 
 @requires(15, "the system's serial driver")
-def it_stays(decoded: OrbTraffic) -> Verdict:
+def stays_connected(decoded: OrbTraffic) -> Verdict:
     """The port does not go while it is used."""
     return checks.stays(decoded)
 

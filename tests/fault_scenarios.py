@@ -173,9 +173,9 @@ class Path(_Verbs):
 
 Make = Callable[[str, Bench], Scenario]
 
-PILOTS: dict[str, type[Scenario]] = {"operator": Operator, "twist": TwistStream, "path": Path}
+SCENARIOS: dict[str, type[Scenario]] = {"operator": Operator, "twist": TwistStream, "path": Path}
 
 
 def make(source: str, bench: Bench) -> Scenario:
     """Return the controller that `source` drives."""
-    return PILOTS[source](bench)
+    return SCENARIOS[source](bench)
