@@ -362,7 +362,7 @@ def test_garbled_records_change_nothing_and_do_not_keep_it_alive(garbage):
     state = daemon.state
     assert (state.link, state.axes, state.buttons) == (DeviceLink.STALE, NEUTRAL, frozenset())
     assert daemon.core.metrics(daemon.now_s)["malformed_records"] == 20
-    assert "20 records" in " ".join(daemon.core.diagnosis(daemon.now_s))
+    assert "20 invalid records" in " ".join(daemon.core.diagnosis(daemon.now_s))
 
 
 def test_a_stream_out_of_step_is_distinguished_from_a_few_bad_records():

@@ -672,7 +672,7 @@ def test_a_held_arm_trips_and_the_command_comes_back():
             break
     assert "away from where it was commanded to be" in motion.reason
     assert world.verbs.status().recovering
-    with pytest.raises(MotionRefusedError, match="coming back"):
+    with pytest.raises(MotionRefusedError, match="resynchronizing"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.1))
     max_lead_m = ControllerOptions().streams.max_lead_m
     world.tick(50)  # until rest
