@@ -713,7 +713,7 @@ def test_an_operator_device_is_not_called_a_hand():
         if (said := says_the_hand(path))
     }
     assert {name: said for name, said in found.items() if name not in meant} == {}
-    assert meant - set(found) == set(), "no exceptions any more"
+    assert meant - set(found) == set(), "exceptions that are not needed"
 
 
 BRITISH = (

@@ -89,7 +89,7 @@ def test_neither_knows_the_machine_it_was_made_on(wheel: Path, sdist: Path) -> N
         for member in archive_:
             if (file := archive_.extractfile(member)) is not None:
                 contents[member.name] = file.read()
-            assert not member.uname, f"{member.name} is of {member.uname}"
+            assert not member.uname, f"{member.name} has the owner {member.uname}"
     for place in {str(ROOT), str(Path.home()), sys.prefix, sys.base_prefix}:
         assert [name for name, data in contents.items() if f"{place}/".encode() in data] == []
 

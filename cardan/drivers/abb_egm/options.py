@@ -176,8 +176,8 @@ class AbbEgmOptions(Options):
         if self.controller_host is not None or is_loopback(self.listen_host):
             return ""
         return (
-            f"listen_host {self.listen_host} without controller_host: the robot is whose datagram "
-            f"comes first to UDP port {self.listen_port}, from any computer that reaches it; set "
+            f"listen_host {self.listen_host} without controller_host: the first sender to UDP port "
+            f"{self.listen_port} is taken for the robot, whatever computer it is; set "
             "controller_host to the controller's address"
         )
 

@@ -145,7 +145,7 @@ class RosArmPeer(SimulatedPeer):
                 log.info("the nodes end")
                 self.close()
         elif self._node is None:
-            log.info("the nodes are there anew")
+            log.info("the nodes have restarted")
             self._join()
         elif self._commands is not None and not self.core.loaded:
             log.info("the controller is unloaded")
