@@ -200,7 +200,7 @@ def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Veri
     for record in records:
         if record.number != report.cycles + 1:
             report.ended = (
-                f"not replayed from cycle {report.cycles + 1} on: the record goes on with "
+                f"not replayed from cycle {report.cycles + 1} on: the record continues with "
                 f"{record.number}"
                 + ("; start `cardan net record` before the session" if not report.cycles else "")
             )

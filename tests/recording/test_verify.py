@@ -207,7 +207,7 @@ def test_a_record_that_begins_later_says_so(recorded, tmp_path):
     (report,) = verify(other.write(tmp_path / "late.mcap"))
     assert not report.same
     assert report.ended == (
-        "not replayed from cycle 1 on: the record goes on with 101; start `cardan net record` "
+        "not replayed from cycle 1 on: the record continues with 101; start `cardan net record` "
         "before the session"
     )
 
@@ -220,7 +220,7 @@ def test_a_missing_cycle_ends_the_replay(recorded, tmp_path):
     (report,) = verify(other.write(tmp_path / "gap.mcap"))
     assert report.same
     assert report.cycles == 400
-    assert report.ended == "not replayed from cycle 401 on: the record goes on with 402"
+    assert report.ended == "not replayed from cycle 401 on: the record continues with 402"
 
 
 def test_filters_are_not_replayed(recorded, tmp_path):

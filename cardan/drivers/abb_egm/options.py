@@ -28,7 +28,7 @@ SAMPLE_RATE_MS = Range(
 JOINTS = Range(6, 7, "", "EGM has six joints, and a seventh among the external axes")
 EXTERNAL_AXES = Range(0, 6, "", "EGM has six external axes")
 COMM_TIMEOUT_S = Range(
-    0.0, 10.0, "s", "a robot that goes on at its last speed for longer leaves its cell", above=True
+    0.0, 10.0, "s", "a robot that moves on at its last speed for longer leaves its cell", above=True
 )
 EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 

@@ -29,14 +29,14 @@ SCRIPT_VERBS: Mapping[str, str] = {
         "overload FX|FY|FZ|MX|MY|MZ [over SECONDS] (one component to 1.5 times its full scale)"
     ),
     "sensor-unplug": (
-        "sensor-unplug (the sensor's cable: the board goes on sending the last sample, "
+        "sensor-unplug (the sensor's cable: the board continues to send the last sample, "
         "counter and all)"
     ),
     "sensor-plug": "sensor-plug (the sensor's cable is back)",
     "power-off": "power-off (the board's power fails)",
     "power-on": "power-on (the board's power is back)",
     "silence": "silence (the board hangs)",
-    "resume": "resume (the board goes on)",
+    "resume": "resume (the board continues)",
     "loop": "loop",
 }
 """Usage of each verb of a script. Forces in N, moments in N·m, in the sensor's own axes.
