@@ -146,7 +146,7 @@ fault-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.remote_fault_table
 
 # Real processes and clocks: on a computer that has nothing else to do. What is found is kept in
-# build/faults.json after each case; FAULT_OPTIONS=--missing goes on with a run that was ended.
+# build/faults.json after each case; FAULT_OPTIONS=--missing continues a run that was ended.
 fault-table-processes: $(VENV)/.cardan-dev
 	mkdir -p build
 	$(BIN)/python -m tests.process_faults --labs $(FAULT_LABS) --json build/faults.json --write $(FAULT_OPTIONS)

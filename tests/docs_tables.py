@@ -370,13 +370,13 @@ def short_process_faults() -> str:
         ("network", "100 ms of delay, each way"),
     ):
         _, *cases = PROCESS_FAULTS.rows(group)
-        ((motion, again, to_go_on),) = (
-            (motion, again, to_go_on)
-            for fault, pair, motion, again, _said, to_go_on in cases
+        ((motion, again, to_continue),) = (
+            (motion, again, to_continue)
+            for fault, pair, motion, again, _said, to_continue in cases
             if (fault, pair) == (name, "SpaceMouse, GoFa (EGM pose)")
         )
-        rows.append((group, name, motion, again, to_go_on))
-    return markdown(("what fails", "how", "ms, mm, mm/s", "again", "to go on"), rows)
+        rows.append((group, name, motion, again, to_continue))
+    return markdown(("what fails", "how", "ms, mm, mm/s", "again", "to continue"), rows)
 
 
 TABLES: dict[tuple[str, str], Callable[[], str]] = {("README.md", "overview"): _overview}

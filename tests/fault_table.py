@@ -108,7 +108,7 @@ FAULTS: dict[str, Fault] = {
     "controller restarts": Fault(lambda bench, scenario: bench.restart(), own=BENCHES),
     "motors off": Fault(lambda bench, scenario: bench.unpower(), own=BENCHES),
     "program stopped at the robot": Fault(lambda bench, scenario: bench.unready(), own=BENCHES),
-    "commands said not to act": Fault(lambda bench, scenario: bench.hold(), own=BENCHES),
+    "commands reported as without effect": Fault(lambda bench, scenario: bench.hold(), own=BENCHES),
     "authority taken": Fault(lambda bench, scenario: scenario.lose_authority()),
     "supervisor stopped": Fault(lambda bench, scenario: scenario.stop_supervisor()),
     "process killed": Fault(lambda bench, scenario: bench.kill(), own=BENCHES),
@@ -234,7 +234,7 @@ def cell(row: Row | None) -> str:
     if row is None:
         return "–"
     motion = row.motion
-    stop = "goes on" if math.isinf(motion.stop_s) else f"{1e3 * motion.stop_s:.0f}"
+    stop = "continues" if math.isinf(motion.stop_s) else f"{1e3 * motion.stop_s:.0f}"
     text = (
         f"{stop}, {1e3 * motion.distance_m:.1f}, {1e3 * motion.peak_m_s:.0f}, "
         f"{motion.peak_m_s2:.1f}{'*' * row.own}"

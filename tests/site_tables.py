@@ -141,7 +141,7 @@ def _results() -> Iterator[tuple[str, SiteTable]]:
         (
             "faults of whole programs",
             result_tables.PROCESS_FAULTS,
-            "every case, with what was said and what it took to go on",
+            "every case, with the message and the action needed to continue",
         ),
         ("floods", result_tables.FLOODS, "every server, at each rate and end of a flood"),
         ("published arms", result_tables.PUBLISHED_ARMS, "each arm, and what was measured of it"),

@@ -67,5 +67,5 @@ def test_an_arm_that_moves_again_is_seen():
     held_up = [min(step, 12) + max(0, step - 100) for step in range(200)]
     away = [abs(again[-1] - each) for each in again]
     assert robot_and_server._again(times, away, held_up) < 1e-9, (
-        "nobody commanded it while it stood"
+        "no command while the loop was held up"
     )

@@ -78,10 +78,10 @@ def test_check_and_run_warn_of_a_robot_that_anybody_may_take(tmp_path):
     file = tmp_path / "anybody.toml"
     robot = '[robot]\ndriver = "abb_egm"\nlisten_host = "0.0.0.0"\nlisten_port = 0\n'
     file.write_text(robot)
-    words = "robot: listen_host 0.0.0.0 without controller_host: the robot is whose datagram comes"
+    words = "robot: listen_host 0.0.0.0 without controller_host: the first sender to UDP port"
     text = cardan("check", file)
-    assert f"{file}: fine, with WARNINGS\n  WARNING  {words} first" in text
-    assert f"cardan: WARNING: {words} first" in cardan("run", file, "--seconds", "0.2", code=4)
+    assert f"{file}: fine, with WARNINGS\n  WARNING  {words} 0 is taken" in text
+    assert f"cardan: WARNING: {words} 0 is taken" in cardan("run", file, "--seconds", "0.2", code=4)
     file.write_text(robot + 'controller_host = "192.168.125.1"\n')
     assert "WARNING" not in cardan("check", file)
 

@@ -6,7 +6,7 @@ PAGE = site_tables.read("docs/devices.md")
 
 
 def test_the_page_has_the_times_that_the_tests_measure():
-    assert test_device_faults.table() in PAGE, "make device-table writes it anew"
+    assert test_device_faults.table() in PAGE, "make device-table rewrites it"
 
 
 def test_every_device_has_its_line_on_the_page():

@@ -15,7 +15,7 @@ def test_the_page_has_the_table_as_it_is_declared(page, name):
     text = (docs_tables.ROOT / page).read_text(encoding="utf-8")
     made = docs_tables.TABLES[page, name]()
     marker = docs_tables.begin(name)
-    assert docs_tables.replaced(text, marker, made) == text, "make docs-tables writes it anew"
+    assert docs_tables.replaced(text, marker, made) == text, "make docs-tables rewrites it"
 
 
 @pytest.mark.parametrize("name", docs_tables.DRIVERS)

@@ -35,14 +35,14 @@ def cells(markdown):
 
 def numbers(text):
     parts = text.strip("*").split(", ")
-    return [math.inf if part == "goes on" else float(part) for part in parts]
+    return [math.inf if part == "continues" else float(part) for part in parts]
 
 
 def assert_are(results, table):
     """Assert that the written table equals these results."""
     written, now = cells(results.read()), cells(table)
     assert now
-    assert written.keys() == now.keys(), "make fault-table writes it anew"
+    assert written.keys() == now.keys(), "make fault-table rewrites it"
     for key, text in now.items():
         if text == "–" or written[key] == "–":
             assert written[key] == text, key

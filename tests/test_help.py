@@ -71,8 +71,8 @@ def test_each_command_is_on_a_line_of_its_own_in_its_section(group):
             section = line.removesuffix(":")
         elif section not in ("", "Options") and line.strip():
             name, _, said = line.removeprefix("  ").partition(" ")
-            assert name, f"it goes on in another line: {line}"
-            assert said.strip(), f"it goes on in another line: {line}"
+            assert name, f"continued on another line: {line}"
+            assert said.strip(), f"continued on another line: {line}"
             listed[name] = section
     assert list(listed) == listed_in(found(words))
     assert list(dict.fromkeys(listed.values())) == list(SECTIONS[group])

@@ -94,7 +94,7 @@ def test_each_package_has_hashes_and_no_address(lock):
     assert not re.search(r"^-", LOCKS[lock], re.MULTILINE), "an option of pip"
     for requirement, hashes in entries(lock):
         assert hashes, requirement
-        assert requirement.name not in {"cardan", *PLUGINS}, "it is on no index"
+        assert requirement.name not in {"cardan", *PLUGINS}, "not on an index"
         assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", each) for each in hashes), requirement
 
 

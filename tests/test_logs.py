@@ -147,7 +147,7 @@ def test_who_reads_says_the_format(monkeypatch, tmp_path):
         monkeypatch.setenv(logs.JOURNAL_VARIABLE, f"{found.st_dev}:{found.st_ino}")
         assert found_format() is LogFormat.JOURNAL
         monkeypatch.setenv(logs.JOURNAL_VARIABLE, f"{found.st_dev}:{found.st_ino + 1}")
-        assert found_format() is LogFormat.JSON, "it was meant for somebody else"
+        assert found_format() is LogFormat.JSON, "the variable was meant for another process"
     theirs, ours = os.openpty()
     with os.fdopen(theirs, "rb", 0), os.fdopen(ours, "w") as terminal:
         monkeypatch.setattr(sys, "stderr", terminal)

@@ -106,8 +106,8 @@ def test_the_tables_say_what_was_found():
     found = {"rows": [row._asdict()], "labs": 2, "processors": 4, "loads": [3.0, 12.0]}
     text = tables([row], notes_of(found))
     assert "1 of the " in text
-    assert "; 0 not as they must be" in text
+    assert "; 0 failed" in text
     assert "load of the computer from 3 to 12" in text
     assert "| SIGKILL | x | 200, 20.0, 100 | no | it ended |" in text
-    assert "session back after 3.0 s, daemon started by hand, act |" in text
+    assert "session back after 3.0 s, daemon started by hand, re-arm |" in text
     assert "**200, 20.0, 100**" in tables([row._replace(wrong=["went on"])], "")

@@ -26,7 +26,7 @@ def source(page):
 @pytest.mark.parametrize("page", PAGES)
 def test_the_page_has_a_line_in_the_place_of_each_table(page):
     text = source(page)
-    assert site_tables.unfilled(page, text) == text, "python -m tests.site_tables writes it anew"
+    assert site_tables.unfilled(page, text) == text, "python -m tests.site_tables rewrites it"
 
 
 def test_no_page_has_a_marker_that_nothing_fills():

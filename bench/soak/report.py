@@ -228,7 +228,7 @@ def markdown(table: dict[str, Any], violations: list[Violation]) -> str:
         f"{hours} h {minutes} min from {table['began']}, seed {table['seed']}, Python "
         f"{table['python']}, {table['processors']} processors with a load of "
         f"{table['load_median']} (median; largest {table['load_max']})."
-        + ("" if table["over"] else " The run goes on.")
+        + ("" if table["over"] else " The run continues.")
         + (f" It was ended {table['cut']}." if table["cut"] else ""),
         "",
         "| rule | broken |",

@@ -7,7 +7,7 @@ that holds TOML, in the form of PEP 723; a session takes no notice of it::
     # /// demo
     # name = "gofa"
     # description = "simulated SpaceMouse -> gateway -> simulated GoFa"
-    # success_message = "a device's motion became the robot's"
+    # success_message = "the device moved the robot"
     # launch = [
     #   "sim spacemouse --hid {device.path} --script demo",
     #   "sim abb-gofa --to 127.0.0.1:{robot.listen_port}",

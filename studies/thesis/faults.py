@@ -185,7 +185,7 @@ def rows(ideal: tuple[Fault, ...], dynamic: tuple[Fault, ...]) -> list[Row]:
         return said
 
     aims: dict[str, tuple[str, Callable[[Fault], bool]]] = {
-        "100 ms of silence": ("rests, then goes on", lambda f: f.reached_m > 0.299),
+        "100 ms of silence": ("rests, then continues", lambda f: f.reached_m > 0.299),
         "clock +1 h, by numbers": ("no effect", lambda f: f.reached_m > 0.299 and not f.refused),
         "clock +1 h, by stamps": ("no effect", lambda f: f.reached_m > 0.299),
         "clock -1 h, by stamps": ("no effect", lambda f: f.reached_m > 0.299),

@@ -67,7 +67,7 @@ def stops(moving: Callable[[], bool]) -> None:
     """Wait until the arm rests, and check that it stays at rest."""
     end_s = time.monotonic() + STOPPED_S
     while moving():
-        assert time.monotonic() < end_s, "it moves on"
+        assert time.monotonic() < end_s, "the arm does not stop"
         time.sleep(0.02)
     end_s = time.monotonic() + 0.5
     while time.monotonic() < end_s:

@@ -41,7 +41,7 @@ def test_the_page_looks_as_its_picture_does(address, browser, name):
     assert len(then) == len(now)
     pairs = zip(then, now, strict=True)
     other = [max(abs(a - b) for a, b in zip(*pair, strict=True)) > OTHER for pair in pairs]
-    assert sum(other) <= MOST_OTHER * len(other), f"{sum(other)} of {len(other)} blocks are other"
+    assert sum(other) <= MOST_OTHER * len(other), f"{sum(other)} of {len(other)} blocks differ"
 
 
 AXE = "axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'best-practice']})"

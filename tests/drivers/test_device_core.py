@@ -32,7 +32,7 @@ class Lever(DeviceCore):
 
     def on_report(self, axes, labels, now_s):
         if self._link is DeviceLink.STALE:
-            self._resume("it fell silent", SETTLE_S, now_s)
+            self._resume("the device fell silent", SETTLE_S, now_s)
         self._heard = True
         self._stamp_s = now_s
         self.axes = axes
@@ -114,7 +114,7 @@ def test_rest_right_after_a_silence_may_be_an_old_report(live):
     assert live.state(1.2).link is DeviceLink.STALE
     live.on_report(REST, (), 1.3)
     state = live.state(1.3)
-    assert (state.link, state.reason) == (DeviceLink.NEEDS_NEUTRAL, "it fell silent")
+    assert (state.link, state.reason) == (DeviceLink.NEEDS_NEUTRAL, "the device fell silent")
     live.on_report(REST, (), 1.3 + SETTLE_S)
     assert live.state(1.32).link is DeviceLink.LIVE
 

@@ -290,7 +290,7 @@ def test_nothing_is_believed_of_a_device_that_nobody_touched(model):
     assert "once" in state.reason
     dead_man = "left-shoulder" if bench.model.is_gamepad else "space"
     state = bench.press(dead_man)
-    assert (state.link, state.buttons) == (DeviceLink.LIVE, frozenset()), "perhaps held before"
+    assert (state.link, state.buttons) == (DeviceLink.LIVE, frozenset()), "possibly held before"
     bench.release(dead_man)
     assert bench.core.events() == []
     assert bench.press(dead_man).buttons == {dead_man}

@@ -422,7 +422,7 @@ def test_a_page_on_the_bus_moves_and_feels(driver, options):
         until(lambda: device.state().link is DeviceLink.LIVE, "it is live")
         device.feedback(DeviceFeedback(rumble=0.5))
         until(lambda: any(device.state().axes), "it is deflected")
-        until(lambda: peer.device.rumble == 0.5, "it is felt")
+        until(lambda: peer.device.rumble == 0.5, "the peer vibrates")
         assert device.capabilities.gives_pose
         assert "hold" in device.capabilities.buttons
 

@@ -41,7 +41,7 @@ def test_deflection_ramps_up_and_drops_at_once():
     assert bench.run(0.3).axes[1] == 1.0
     bench.device.release("s")
     assert bench.run(0.02).axes == REST
-    assert 0.0 < bench.press("s").axes[1] < 0.1, "each press ramps anew"
+    assert 0.0 < bench.press("s").axes[1] < 0.1, "each press begins a new ramp"
 
 
 def test_a_held_key_stays_live_in_spite_of_the_kernels_repetition():
@@ -67,7 +67,7 @@ def test_keys_together_with_a_modifier_do_not_move(modifier):
     """Ctrl-C in the terminal is no command for the robot."""
     bench = Bench("keyboard")
     assert bench.press(modifier, "c").axes == REST
-    assert bench.release(modifier).axes == REST, "nor while the fingers leave"
+    assert bench.release(modifier).axes == REST, "nor during the release"
     assert bench.release("c").axes == REST
     assert bench.press("c").axes == unit(2, -1.0)
     assert bench.press(modifier).axes == REST
@@ -93,7 +93,7 @@ def test_esc_gives_the_keyboard_back_and_f12_takes_it_again():
     assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, REST)
     assert "F12" in state.reason
     bench.release("esc", "a")
-    assert bench.press("a").axes == REST, "typed for somebody else"
+    assert bench.press("a").axes == REST, "typed for another program"
     assert bench.press("f12").link is DeviceLink.NEEDS_NEUTRAL
     assert bench.core.wants_grab
     assert not bench.core.nothing_down

@@ -56,7 +56,7 @@ def test_every_subcode_has_its_own_words(
     words = [reply_in_words(MessageType.JOINT_TRAJ_PT_FULL, result, code) for code in subcodes]
     assert_own_words(words)
     for code, text in zip(subcodes, words, strict=True):
-        assert str(code.value) not in text, "the words say it, not the number"
+        assert str(code.value) not in text, "the text has words, not the number"
 
 
 def test_no_two_subcodes_of_all_share_words() -> None:

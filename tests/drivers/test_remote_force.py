@@ -200,7 +200,7 @@ def test_silence_lets_a_force_fade_within_a_fifth_of_a_second(happens):
     happens(bench)
     bench.run(0.45, lambda: forces.append(bench.haptic.force_n))
     steps = [before - after for before, after in itertools.pairwise(forces)]
-    assert max(steps) <= 0.004 / FADE_S + 0.01, "it fades"
+    assert max(steps) <= 0.004 / FADE_S + 0.01, "the force fades"
     assert not any(forces[round((HOLD_S + FADE_S + 0.008) / 0.002) :])
 
 

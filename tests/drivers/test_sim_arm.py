@@ -315,7 +315,7 @@ def test_an_arm_that_began_anew_elsewhere_is_commanded_when_it_can_be_there():
     state = receive(10, session=6, positions=away)
     assert (state.session, state.ready, state.joints) == (1, False, (0.0,) * 6)
     assert state.hold_reason.startswith("joint 1 jumped from 0 to 1, by 1, and its limit is")
-    assert receive(10).ready, "the one before is heard, too"
+    assert receive(10).ready, "the previous process is accepted, too"
     fastest = session.capabilities.limits.velocity[0]
     for number in range(11, 500):
         state = receive(number, session=6, positions=away)

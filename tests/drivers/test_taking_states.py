@@ -73,7 +73,7 @@ def meanwhile(function):
 
     def result():
         thread.join(PATIENCE_S)
-        assert not thread.is_alive(), "it never came back"
+        assert not thread.is_alive(), "the call did not return"
         return found[0]
 
     return result

@@ -69,7 +69,7 @@ def test_its_core(core):
     assert (state.link, state.axes, state.buttons) == (DeviceLink.STALE, REST, frozenset())
     assert state.reason == "no line for 0.15 s: check its cable"
     core.on_bytes(line(0.5, trigger=True), 1.3)
-    assert core.state(1.3).reason == "it fell silent: let go of the lever once"
+    assert core.state(1.3).reason == "the lever fell silent: let go of it once"
     core.on_bytes(line(0.0), 1.33)
     assert core.state(1.33).link is DeviceLink.NEEDS_NEUTRAL
     core.on_bytes(line(0.0), 1.35)

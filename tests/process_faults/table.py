@@ -255,7 +255,7 @@ def run(
 
 
 def _cell(row: Row) -> str:
-    stop = "goes on" if row.stop_s is None else f"{1e3 * row.stop_s:.0f}"
+    stop = "continues" if row.stop_s is None else f"{1e3 * row.stop_s:.0f}"
     text = f"{stop}, {1e3 * row.distance_m:.1f}, {1e3 * row.peak_m_s:.0f}"
     return f"**{text}**" if row.wrong else text
 
@@ -266,7 +266,7 @@ def _after(row: Row) -> str:
         words.append(f"session back after {row.back_s:.1f} s")
     if row.started:
         words.append(f"{' and '.join(row.started)} started by hand")
-    words.append("not again" if row.moves_s is None else "act")
+    words.append("no motion" if row.moves_s is None else "re-arm")
     return ", ".join(words)
 
 
@@ -274,7 +274,11 @@ def tables(rows: Sequence[Row], notes: str) -> str:
     """Markdown tables, one for each group."""
     lines = [notes, ""]
     for group in dict.fromkeys(row.group for row in rows):
-        lines += [f"#### {group}", "", "| fault | pair | ms, mm, mm/s | again | said | to go on |"]
+        lines += [
+            f"#### {group}",
+            "",
+            "| fault | pair | ms, mm, mm/s | again | message | to continue |",
+        ]
         lines.append("|---" * 6 + "|")
         for row in rows:
             if row.group == group:
@@ -293,7 +297,7 @@ def notes_of(found: dict[str, Any]) -> str:
     network = sum(row["group"] == NETWORK for row in rows)
     return (
         f"{len(rows) - network} of the {len(all_cases())} cases, and {network} of the {NETWORK}; "
-        f"{wrong} not as they must be; {lost} events lost outside of full disks. "
+        f"{wrong} failed; {lost} events lost outside of full disks. "
         f"{found['processors']} processors, {found['labs']} laboratories side by side at most, "
         f"load of the computer from {min(found['loads']):.0f} to {max(found['loads']):.0f}."
     )

@@ -173,7 +173,7 @@ def test_an_operation_that_is_not_complete_in_time_is_dropped():
 def test_what_is_kept_is_bounded():
     whole = Defragmenter(10)
     assert "more than 10 characters" in whole.add(part(0, 2, "x" * 11), 0.0).reason
-    assert whole.add(part(0, 2, "x" * 10), 0.0) is None, "what was refused is not kept"
+    assert whole.add(part(0, 2, "x" * 10), 0.0) is None, "refused parts are not kept"
     assert "more than 10 characters" in whole.add(part(0, 2, "x", "other"), 0.0).reason
     assert "parts" in whole.add(part(0, MAX_PARTS + 1, ""), 0.0).reason
     many = Defragmenter(10)
@@ -462,7 +462,7 @@ def test_while_a_client_does_not_read_the_newest_wins():
     all_ = [sample() for _ in range(3)]
     assert not any(outbox.offer(to_client, each, 0.0, False) for each in all_)
     assert outbox.superseded == 2
-    assert not outbox.offer(to_client, newest := sample(), 0.0, True), "not before what waits"
+    assert not outbox.offer(to_client, newest := sample(), 0.0, True), "not before earlier samples"
     assert outbox.take(0.0) == Due(to_client, newest)
     assert outbox.take(0.0) is None
 

@@ -25,7 +25,7 @@ OWN = '<robot name="own"><link name="a"/><link name="b"/><joint name="j" type="r
 def test_the_table_beside_an_arm_is_what_pinocchio_reads(name):
     texts, table = our_texts(name), (FOLDER / f"{name}.json").read_text(encoding="utf-8")
     there = from_table(table, content_key(texts.texts), texts.urdf)
-    assert there is not None, "make arm-tables writes it anew"
+    assert there is not None, "make arm-tables rewrites it"
     made = texts.build()
     # Other builds of Pinocchio may round otherwise.
     assert parts(there) == pytest.approx(parts(made), abs=1e-12)

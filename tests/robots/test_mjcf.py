@@ -194,7 +194,7 @@ def test_bodies(trial):
     floor, base = by_link["world"][0], by_link["base"]
     assert isinstance(floor, OrientedBox)
     assert floor.pose.position.z + floor.size_m.z / 2 == pytest.approx(0.0)
-    assert len(base) == 1, "what touches nothing is not kept from anything"
+    assert len(base) == 1, "geoms without contacts are left out"
     turret = by_link["turret"][0]
     assert isinstance(turret, Capsule)
     assert turret.radius_m == 0.05

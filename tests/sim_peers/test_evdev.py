@@ -193,7 +193,7 @@ def test_effects_play_for_their_time(device):
     assert device.rumble(1.5) == (0.0, 0.0)
     start(device, effect_id, 2.0)
     assert upload(device, effect_id, now_s=2.3, strong=0xFFFF).result == 0
-    assert device.rumble(2.6)[0] == 1.0, "one that plays begins again"
+    assert device.rumble(2.6)[0] == 1.0, "an upload restarts a playing effect"
     start(device, effect_id, 2.6, value=0)
     assert device.rumble(2.6) == (0.0, 0.0)
 

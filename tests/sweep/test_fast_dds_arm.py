@@ -98,7 +98,7 @@ def test_it_stops_the_arm_by_a_topic_as_services_do_not_reach_it(program, sessio
     program.request(f"{NODE}/stop", TRIGGER, {})
     assert program.wait("requested", written=1)["servers"] == 1
     higher = program.z()
-    until(lambda: program.z() > higher + 0.005, "that it goes on: no request reached it")
+    until(lambda: program.z() > higher + 0.005, "motion, because no request arrived")
     program.publish(stop, EMPTY, {})
 
     def stopped():

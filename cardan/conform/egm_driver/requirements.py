@@ -272,7 +272,7 @@ def it_follows_while_commands_do_not_act(decoded: EgmTraffic) -> Findings:
     unless=_ended_before("junk"),
 )
 def junk_does_not_end_it(decoded: EgmTraffic) -> Verdict:
-    """Datagrams that are not EGM end nothing: it goes on answering."""
+    """Datagrams that are not EGM have no effect: the driver continues to answer."""
     found, ran = _pairs(decoded, "junk"), _answered(_pairs(decoded, "run"))
     some(found and decoded.junk and ran, "none were sent, or it never answered")
     said = f"{len(decoded.junk)} of them; {100 * _answered(found):.1f} % answered"
@@ -344,7 +344,7 @@ def both_descriptions_agree(decoded: EgmTraffic) -> Verdict:
 
 @requires(
     301,
-    f"{MANUAL}: the controller goes on at the last speed until CommTimeout",
+    f"{MANUAL}: the controller continues at the last speed until CommTimeout",
     unless=_ended_before("ended"),
 )
 def it_leaves_without_speed(decoded: EgmTraffic) -> Verdict:

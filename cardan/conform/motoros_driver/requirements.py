@@ -182,7 +182,7 @@ def commands_are_known(decoded: DriverTraffic) -> Findings:
     return Words("{} messages")
 
 
-@requires(109, f"{SERVER}: what a connection before left in the queue goes on with the next one")
+@requires(109, f"{SERVER}: the queue left by a connection continues with the next one")
 def stop_motion_comes_first(decoded: DriverTraffic) -> Findings:
     """On every motion connection STOP_MOTION is answered before motion is started."""
     for messages in decoded.motion.values():
@@ -366,7 +366,7 @@ def a_busy_point_is_sent_again(decoded: DriverTraffic) -> Findings:
     return Words("{} busy answers", _NO_POINTS)
 
 
-@requires(127, f"{SERVER}: a first point that is refused is kept, and the next goes on from it")
+@requires(127, f"{SERVER}: a refused first point is kept, and the next point continues from it")
 def a_refused_first_point_is_not_gone_on_from(decoded: DriverTraffic) -> Findings:
     """After a first point that is answered INVALID comes another first point, or none."""
     found = [e for e in _with_next(decoded, R.INVALID) if e[0].point and not e[0].point.sequence]

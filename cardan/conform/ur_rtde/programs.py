@@ -390,7 +390,7 @@ def a_program_replaces_another(decoded: UrTraffic) -> Verdict:
     state = must(state, "it was not begun", [found[0].number])
     later = after(decoded, state.time_s)
     back = [each.number for each in later if each.values[TOKEN] == begun[0].token]
-    return failed("the other goes on", back) if back else passed("it did")
+    return failed("the other continues", back) if back else passed("it did")
 
 
 # -- level 2: micro-motion ------------------------------------------------------------------------

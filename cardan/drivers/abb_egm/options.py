@@ -28,7 +28,7 @@ SAMPLE_RATE_MS = Range(
 JOINTS = Range(6, 7, "", "EGM has six joints, and a seventh among the external axes")
 EXTERNAL_AXES = Range(0, 6, "", "EGM has six external axes")
 COMM_TIMEOUT_S = Range(
-    0.0, 10.0, "s", "a robot that goes on at its last speed for longer leaves its cell", above=True
+    0.0, 10.0, "s", "a robot that moves on at its last speed for longer leaves its cell", above=True
 )
 EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 
@@ -176,8 +176,8 @@ class AbbEgmOptions(Options):
         if self.controller_host is not None or is_loopback(self.listen_host):
             return ""
         return (
-            f"listen_host {self.listen_host} without controller_host: the robot is whose datagram "
-            f"comes first to UDP port {self.listen_port}, from any computer that reaches it; set "
+            f"listen_host {self.listen_host} without controller_host: the first sender to UDP port "
+            f"{self.listen_port} is taken for the robot, whatever computer it is; set "
             "controller_host to the controller's address"
         )
 

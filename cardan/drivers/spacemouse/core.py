@@ -60,7 +60,7 @@ PLAUSIBLE_FULL_SCALE = (100, 2048)
 """Plausible full scale, counts; a report descriptor that declares another is ignored."""
 
 OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
-RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
+RESUMED_REASON = "the device fell silent while deflected: let go of the cap once"
 
 
 class _Half:

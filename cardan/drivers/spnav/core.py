@@ -93,7 +93,7 @@ _SERIAL_FULL_SCALES: Mapping[int, tuple[float, float]] = MappingProxyType(
 _ONE_TYPES = frozenset({0x20C, 0x20D, 0x20E})
 
 OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
-RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
+RESUMED_REASON = "the device fell silent while deflected: let go of the cap once"
 NO_DEVICE_REASON = "the daemon has no device: plug it in, or see why the daemon does not open it"
 UNPLUGGED_REASON = "the daemon's device was unplugged"
 REPEATS_REASON = (

@@ -14,7 +14,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("truncated", "every VALUE-th message is cut short", 20.0, 1.0),
     FaultSwitch("empty", "every VALUE-th message has no reference", 20.0, 1.0),
     FaultSwitch("quaternion", "quaternions have the length VALUE", 1.1, 0.0, 10.0),
-    FaultSwitch.flag("stale", "goes on with its old target in a new session"),
+    FaultSwitch.flag("stale", "continues with its old target in a new session"),
     FaultSwitch("jump", "the reference jumps by VALUE mm in every 100th message", 20.0),
     FaultSwitch(
         "obstinate",

@@ -26,7 +26,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("time-stands", "every VALUE-th point has the time before", 20.0, 1.0),
     FaultSwitch("jump", "every 50th point or speed jumps by VALUE rad or rad/s", 20.0),
     FaultSwitch("out-of-range", "every 50th point is VALUE rad out of its way and back", 7.0),
-    FaultSwitch.flag("skips-busy", "takes BUSY for SUCCESS, and goes on with the next point"),
+    FaultSwitch.flag("skips-busy", "takes BUSY for SUCCESS, and continues with the next point"),
     FaultSwitch.flag("skips-first", "takes a refused first point for one that was taken"),
     FaultSwitch("starves", "every 25th point is sent VALUE ms late", 40.0, 0.0, 1000.0),
     FaultSwitch.flag("no-info", "starts the velocity mode without asking for it"),

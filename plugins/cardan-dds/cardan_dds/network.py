@@ -439,7 +439,7 @@ class _Hub:
                     self._urgent = False
                     due_s = min((now_s + IDLE_S, *(each.look(now_s) for each in self._followers)))
             except Exception:
-                _log.exception("a malformed message from DDS; the bridge continues")
+                _log.exception("fault in a DDS sample; the server continues")
 
     def _discover(self) -> bool:
         """Process DDS's discoveries; return True if there were any."""

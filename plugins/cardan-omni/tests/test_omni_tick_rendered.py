@@ -178,7 +178,7 @@ def test_a_measured_force_goes_on_for_a_bounded_time() -> None:
             (0.5, 10.0 * held * PERIOD_S, -100.0 * 1e-4 * held)
         ), k
     bench.step()
-    assert bench.state.force_commanded == ZERO3, "too old to be felt"
+    assert bench.state.force_commanded == ZERO3, "too old a force is not rendered"
 
 
 def test_a_measured_force_is_never_above_the_clamp() -> None:

@@ -401,7 +401,7 @@ class World:
     def check(self) -> None:
         """Check (a), (c) and (f), from the externally known state."""
         core, commanded, motion = self.core, self.core.commanded, self.core.motion
-        assert (motion is None) is (core.state.motion in RESTING), "who moves it?"
+        assert (motion is None) is (core.state.motion in RESTING), "state and motion differ"
         assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
         if core.trips != self.trips:
             self.trips = core.trips
@@ -425,7 +425,7 @@ class World:
         )
         streams = self.verbs.streams
         by_stream = self.heard and self.driveable and core.authority.owner == STREAMER
-        assert by_hand + by_verb + by_stream <= 1, "two sources have the arm"
+        assert by_hand + by_verb + by_stream <= 1, "two sources have the authority"
         moving = commanded.placed and commanded.moving and not isinstance(self.command, HoldCommand)
         if isinstance(motion, Recover):
             assert norm(commanded.twist.linear) <= RECOVERS_M_S or not moving
@@ -441,7 +441,7 @@ class World:
         self.at = position
         if moving:
             ago_s = self.now_s - self.permitted_s
-            assert ago_s <= BRAKES_S, f"moves {ago_s:.2f} s after anybody might move it"
+            assert ago_s <= BRAKES_S, f"moves {ago_s:.2f} s after motion was permitted"
             if not core.braking and not isinstance(motion, (Recover, Brake)):
                 owner = core.authority.owner
                 if isinstance(motion, FollowOperator):
@@ -841,7 +841,7 @@ def leads_to_motion(w: World) -> int:
                     return acts
             message = w.core.status().message
         if message or not w.core.armed:
-            assert message, "nothing moves, and nothing is said"
+            assert message, "no motion, and no message"
             follow_advice(w)
         for _ in range(2):
             w.tick()

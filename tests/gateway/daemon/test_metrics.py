@@ -309,7 +309,7 @@ def test_stops_are_counted_by_what_was_wrong(changes, reason):
         list(watch.take(snapshot, 1.0))
     watch.forget()
     assert watch.stops[reason] >= 1
-    assert sum(watch.stops.values()) == 2, "and the count outlives the process"
+    assert sum(watch.stops.values()) == 2, "the count outlives the process"
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def test_a_hand_that_goes_in_and_out_gets_back_no_more_than_it_put_in(seed):
 
     rows = press(in_and_out, 10.0, hand=HANDS["held"], seed=seed, **network(0.1))
     assert max(row.given_j for row in rows) <= BUDGET_J + ROUNDING_J
-    assert max(row.force_n for row in rows) > 0.3, "it is felt"
+    assert max(row.force_n for row in rows) > 0.3, "the contact is rendered"
 
 
 def test_a_wall_is_felt_where_the_network_allows_it():

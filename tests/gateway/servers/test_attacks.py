@@ -187,7 +187,7 @@ def test_guesses_are_counted(target, running):
     assert status(said) == 429
     assert 0 < int(re.search(rb"Retry-After: (\d+)", said)[1]) <= FORGOTTEN_S
     right = answer(running, target.request(target.path_with(TOKEN)))
-    assert status(right) == target.welcome, "wrong ones are in no right one's way"
+    assert status(right) == target.welcome, "wrong tokens do not delay the right one"
 
 
 @pytest.mark.parametrize(
@@ -297,12 +297,12 @@ def keep_many_open(target, running, count):
                 if number % AT_ONCE == AT_ONCE - 1:
                     wait_until_taken(front, retained[-1])
                 if number % 500 == 499:
-                    assert comes_in(target, running), "in the midst of it"
+                    assert comes_in(target, running), "refused during the attack"
         finally:
             for each in retained:
                 each.close()
-        assert front.clients >= clients, "who was there stays"
-    assert most <= web.MOST_HANDSHAKES + 1, "the newest is counted before the oldest goes"
+        assert front.clients >= clients, "a client was disconnected"
+    assert most <= web.MOST_HANDSHAKES + 1, "the newest is counted before the oldest is closed"
 
 
 def test_as_many_as_come_at_once_are_kept_by_the_system(running):

@@ -138,7 +138,7 @@ def test_a_client_that_sends_more_than_can_be_handled_is_disconnected_with_the_r
             until(lambda: running.server.clients == 0)
             began_s = time.monotonic()
             assert ended() < began_s + 10.0
-        assert closed.value.rcvd is not None, "it was told why"
+        assert closed.value.rcvd is not None, "closed without a reason"
         assert "send less" in closed.value.rcvd.reason
         assert running.server.counts["backlogged"] == 1
         assert running.server.counts["stale"] > 0

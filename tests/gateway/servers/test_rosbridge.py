@@ -574,7 +574,7 @@ def test_a_client_that_does_not_read_harms_nobody_and_has_the_newest_at_last(net
         while numbers[-1] < 999:
             numbers.append(int(slow.receive()["msg"]["name"][0]))
         assert numbers == sorted(numbers)
-        assert len(numbers) < 900, "what it was too slow for was left out"
+        assert len(numbers) < 900, "samples too many for the client are left out"
         slow.settle()
         assert slow.heard == []
 
@@ -607,7 +607,7 @@ def test_a_client_that_reads_a_kilobyte_per_second_harms_nobody(network, running
             assert quick.receive()["msg"]["name"] == [str(number)]
             waiting = behind.connection.transport.get_write_buffer_size()
             one = len(json.dumps(big(number))) + 1000
-            assert waiting <= connection.FREE_BYTES + 2 * one, "one put, one being sent"
+            assert waiting <= connection.FREE_BYTES + 2 * one, "one queued, one in transmission"
         assert behind.sender.outbox.superseded > 100
         over.set()
         crawling.join(WAIT_S)

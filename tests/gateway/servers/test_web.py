@@ -55,7 +55,7 @@ def test_the_token_is_in_a_file_or_in_the_environment(token_file, monkeypatch):
     assert role(TOKEN, token_file=token_file(mode=0o400)) is Role.OPERATOR
     monkeypatch.setenv(TOKEN_VARIABLE, f"{OTHER}\n")
     assert role(OTHER, host="0.0.0.0") is Role.OPERATOR
-    assert role(OTHER, token_file=token_file()) is None, "what is nearer wins"
+    assert role(OTHER, token_file=token_file()) is None, "the option has priority over the variable"
     assert role(TOKEN, token_file=token_file()) is Role.OPERATOR
     assert role(TOKEN, token=TOKEN) is Role.OPERATOR
     assert role(OTHER, token=TOKEN) is None
@@ -144,7 +144,7 @@ def away(**options):
 
 def test_others_need_tokens_that_are_made_at_the_first_start(state, caplog):
     assert not WebOptions().tokens()
-    assert not own_token_file().exists(), "nobody else comes in"
+    assert not own_token_file().exists(), "loopback needs no token"
     tokens = away().tokens()
     path = own_token_file()
     assert path.parent.parent == state
@@ -160,7 +160,7 @@ def test_others_need_tokens_that_are_made_at_the_first_start(state, caplog):
     assert str(path) in caplog.text
     assert not [each for each in made.values() if each in caplog.text]
     caplog.clear()
-    assert away().tokens().role([made["admin"]]) is Role.ADMIN, "the same at the next start"
+    assert away().tokens().role([made["admin"]]) is Role.ADMIN, "tokens survive a restart"
     assert not caplog.records
     assert list(path.parent.iterdir()) == [path]
 

@@ -61,7 +61,7 @@ class LeverCore(DeviceCore):
     def _on_report(self, report: Report, now_s: float) -> None:
         self._watch(now_s)
         if self._link is DeviceLink.STALE:
-            self._resume("it fell silent: let go of the lever once", SETTLE_S, now_s)
+            self._resume("the lever fell silent: let go of it once", SETTLE_S, now_s)
         self._heard, self._stamp_s, self._last_s = True, now_s, now_s
         self._deflection = self._shaper((report.forward, report.left, 0.0, 0.0, 0.0, report.twist))
         self._buttons.set(["trigger"] if report.trigger else [], now_s)

@@ -15,7 +15,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("twice", "answers every VALUE-th state twice", 10.0, 1.0),
     FaultSwitch("late", "answers VALUE ms late", 20.0, 0.0, 1000.0),
     FaultSwitch("clock", "its clock is VALUE times as fast, as one in milliseconds", 1000.0),
-    FaultSwitch.flag("stale", "goes on with its old target in a new session"),
+    FaultSwitch.flag("stale", "continues with its old target in a new session"),
     FaultSwitch("begins-fast", "first commands have VALUE rad/s", 0.5),
     FaultSwitch("beyond", "every 50th command is VALUE rad or rad/s further", 20.0),
     FaultSwitch("jump", "every 50th command jumps by VALUE rad", 0.2),

@@ -203,7 +203,7 @@ def _answered(decoded: JointStreamTraffic, phase: str, least: float) -> Verdict:
     return met(share >= least, said, [found[-1].state.number])
 
 
-@requires(106, f"{RULES} 4: where none comes in a cycle the arm goes on by itself")
+@requires(106, f"{RULES} 4: in a cycle without a command the arm continues by itself")
 def states_are_answered(decoded: JointStreamTraffic) -> Verdict:
     """95 % of the states of a run are answered by a command."""
     return _answered(decoded, "run", ANSWERED_SHARE)
@@ -351,7 +351,7 @@ def positions_do_not_jump(each: tuple[Said, Said, float]) -> str:
 )
 def speeds_are_those_of_the_positions(each: tuple[Said, Said, float]) -> str:
     """The speeds beside positions are those at which the positions move, or 0: where a command is
-    missing the arm goes on at them."""
+    missing the arm continues at them."""
     a, b, passed_s = each
     for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
         reported = 0.5 * (a.value.feed_forward[joint] + b.value.feed_forward[joint])
@@ -384,7 +384,7 @@ def a_stopped_arm_is_followed(each: Said) -> str:
     115, f"{RULES} 6: malformed as a whole, and changes nothing", unless=_ended_before("junk")
 )
 def junk_does_not_end_it(decoded: JointStreamTraffic) -> Verdict:
-    """Datagrams that are no states end nothing: it goes on answering 90 % of the states."""
+    """Datagrams that are no states have no effect: 90 % of the states are answered."""
     return _answered_if_ever(decoded, "junk")
 
 
@@ -505,7 +505,7 @@ def both_descriptions_agree(decoded: JointStreamTraffic) -> Verdict:
 
 
 @requires(
-    301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s", unless=_ended_before("ended")
+    301, f"{RULES} 4: the arm continues at the last speeds for 0.1 s", unless=_ended_before("ended")
 )
 def it_leaves_at_rest(decoded: JointStreamTraffic) -> Verdict:
     """When the client's program ends, its last command is a hold, or one without speed."""

@@ -110,7 +110,7 @@ _COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
 WIRING_ADVICE = "check the power of the sensor's board, its node id, bit rate and cables"
 OPENED_REASON = "starting the sensor"
 REST_REASON = "not seen at rest yet: take the hand off the sensor"
-RESUMED_REASON = "it fell silent: take the hand off the sensor"
+RESUMED_REASON = "the sensor fell silent: take the hand off it"
 BOOTED_REASON = "the sensor's board came up"
 ZERO_LOST_REASON = (
     "the sensor's board restarted, or may have, so zero is lost: take the hand off, then start "

@@ -151,7 +151,7 @@ class SimulatedJr3:
             self._power_up()
 
     def unplug_sensor(self) -> None:
-        """Unplug the sensor: the board goes on sending the last sample with its counter."""
+        """Unplug the sensor: the board continues to send the last sample with its counter."""
         self._sample(self._now_s)
         self.sensor_plugged = False
 

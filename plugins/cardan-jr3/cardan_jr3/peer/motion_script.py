@@ -35,7 +35,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
     "power-off": "power-off (the board's power fails)",
     "power-on": "power-on (the board's power is back)",
     "silence": "silence (the board hangs)",
-    "resume": "resume (the board goes on)",
+    "resume": "resume (the board continues)",
     "loop": "loop",
 }
 """Usage of each verb of a script. Forces in N, moments in N·m, in the sensor's own axes.

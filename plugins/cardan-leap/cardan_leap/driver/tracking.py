@@ -160,7 +160,7 @@ class HandTracker:
         self._forget()
         self.id = hand.id
         orientation = hand_orientation(hand.direction, hand.palm_normal)
-        assert orientation is not None, "chosen hands are sound"
+        assert orientation is not None, "chosen hands have an orientation"
         self._place = position_from_leap(hand.palm_position_mm)
         self._place_s = now_s
         return Pose(self._place, orientation)

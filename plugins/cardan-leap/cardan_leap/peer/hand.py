@@ -35,7 +35,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
     "unplug": "unplug (the tracker's cable is pulled; clients are informed)",
     "replug": "replug (the tracker's cable is back; clients are informed)",
     "pause": "pause (its delivery stops; clients are informed)",
-    "unpause": "unpause (its delivery goes on; clients are informed)",
+    "unpause": "unpause (delivery continues; clients are informed)",
     "stall": "stall (frames stop without notice)",
     "resume": "resume (frames go on)",
     "steal-focus": "steal-focus (another program takes the focus)",

@@ -253,7 +253,7 @@ static void *serve(void *unused) {
 
 static void take_priority(void) {
     struct sched_param parameter = {.sched_priority = REALTIME_PRIORITY};
-    /* Without the permission the thread goes on as any other. */
+    /* Without the permission the thread runs as any other. */
     (void)pthread_setschedparam(thread, SCHED_FIFO, &parameter);
 }
 

@@ -78,7 +78,7 @@ NUNCHUK_BUTTONS = ("c", "z")
 _STARTING = "starting up: reading calibration and extensions"
 _OPENED = "not seen at rest yet: let go of its buttons once"
 _SILENT = f"no report for {STALE_AFTER_S:g} s: check range and batteries, then let go of buttons"
-_RESUMED = "it fell silent: let go of its buttons once"
+_RESUMED = "the remote fell silent: let go of its buttons once"
 _CHANGED = "an extension was plugged in or out: let go of its buttons once"
 
 KERNEL_DRIVER = (

@@ -53,7 +53,7 @@ class Recovery:
                 return self
             pose = self.away.pose
             self.away = robot()._replace(pose=pose._replace(position=add(pose.position, along)))
-        raise AssertionError("it goes on for ever")
+        raise AssertionError("the recovery does not end")
 
     @property
     def way_m(self):

@@ -287,7 +287,7 @@ def test_what_the_arm_refuses_ends_the_hold_with_its_reason(arm, page):
     arm.refuses = ""
     page.press()
     page.grip("held")
-    until(lambda: len(arm.requests) > asked, "letting go and holding again goes on")
+    until(lambda: len(arm.requests) > asked, "a new hold continues")
     assert arm.requests[-1].begins is Begins.NEW
 
 
@@ -373,7 +373,7 @@ def test_both_hands_of_a_page_are_one_sender(network, page):
     assert [topic for topic, *_ in network.publishers] == ["/xr"]
     page.ask("cardan.close", channel=4)
     page.frame(PhoneFrame((0.0, 0.0, 0.0)), channel=5)
-    until(lambda: network.published, "it goes on")
+    until(lambda: network.published, "the publication of poses")
     page.ask("cardan.close", channel=5)
     until(lambda: not network.publishers, "it ends with the last one")
 

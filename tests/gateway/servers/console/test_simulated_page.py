@@ -79,5 +79,5 @@ def test_from_the_page_to_the_driver_and_back(tmp_path, driver, options):
             until(lambda: device.state().link is DeviceLink.LIVE, "it is live")
             until(lambda: any(device.state().axes), "it is deflected")
             device.feedback(DeviceFeedback(rumble=0.5))
-            until(lambda: peer.device.rumble == 0.5, "it is felt")
+            until(lambda: peer.device.rumble == 0.5, "the peer vibrates")
         until(lambda: running.server.clients == 0, "the page is closed")
