@@ -32,7 +32,7 @@ FOLDER = ROOT / "docs" / "tutorials"
 PAGES = sorted(FOLDER.glob("*.md"))
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-OWN_TERMINALS = re.compile(r"\b(terminal of its own|two terminals)\b")
+OWN_TERMINALS = re.compile(r"\b(separate terminal|two terminals)\b")
 OF_THE_SOURCES = re.compile(r"\b(?:examples|plugins)/")
 """Source archive's folders in a command."""
 LONGEST_S = 120.0
