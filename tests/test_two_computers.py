@@ -417,7 +417,9 @@ def test_an_endpoint_by_name_follows_the_robots_computer_to_its_new_address(secu
 
 NO_MESSAGE = "no message passes; give the file of the present pair (zenoh_config), or pair both"
 LOST = "mouse is not shared any more"
-TWICE_SHARED = "mouse is shared already, by the node /cardan_share_mouse: end that, or choose another"
+TWICE_SHARED = (
+    "mouse is shared already, by the node /cardan_share_mouse: end that, or choose another"
+)
 
 
 def test_the_page_has_what_is_said():
