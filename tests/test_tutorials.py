@@ -30,7 +30,7 @@ def test_the_tutorial_works(page, tmp_path, wheel, sdist, record_property):
 
 def test_steps_are_files_and_commands_in_their_order():
     page = (
-        "Some `word`.\n\n`a.toml`:\n\n```toml\nx = 1\n```\n\nIn a terminal of its own:\n\n```\n"
+        "Some `word`.\n\n`a.toml`:\n\n```toml\nx = 1\n```\n\nIn a separate terminal:\n\n```\n"
         "cardan sim gamepad\n```\n\n```\ncardan check a.toml\n```\n\n```python\nshown()\n```\n"
     )
     found = [(step.file, step.text, step.aside) for step in steps(page)]
