@@ -563,18 +563,19 @@ def share_until(
         turn = threading.Lock()
         due_s = math.inf
 
-        def offer(now_s: float) -> DeviceState:
+        def offer() -> DeviceState:
             """Publish the newest state if that is due; return it."""
             edges, state = device.button_events(), device.state()
             haptic_feedback = None if force_end is None else force_end.haptic_feedback
-            shared = core.offer(state, edges, device.capabilities, now_s, haptic_feedback)
+            able, now_s = device.capabilities, time.monotonic()  # After its input.
+            shared = core.offer(state, edges, able, now_s, haptic_feedback)
             if shared is not None:
                 publisher.put(encoder.encode(shared), time.time_ns())
             return state
 
         def on_state(_state: DeviceState) -> None:
             with turn:
-                offer(time.monotonic())
+                offer()
             if core.due_s < due_s:
                 claims.wake()
 
@@ -597,7 +598,7 @@ def share_until(
                 now_s = time.monotonic()
                 if force_end is not None:
                     force_end.cycle(*core.order(now_s), now_s)
-                state, lessee = offer(now_s), core.lessee(now_s)
+                state, lessee = offer(), core.lessee(now_s)
                 feedback, counts = core.feedback_due(now_s), dict(core.counts)
             keep_processors_awake(awake=bool(lessee))
             if feedback is not None:
