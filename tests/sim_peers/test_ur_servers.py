@@ -115,8 +115,8 @@ def test_messages_come_on_the_primary_interface_only():
         (MessageKind.VERSION, "URControl"),
         (MessageKind.KEY, "test"),
         (MessageKind.TEXT, "hello"),
-        (MessageKind.KEY, "test"),
         (MessageKind.ERROR_CODE, "fault"),
+        (MessageKind.KEY, "test"),
         (MessageKind.SAFETY_MODE, ""),
     ]
     for kind in ("primary", "primary-read"):
