@@ -264,7 +264,8 @@ class UrController:
     def refuse_in_local_control(self) -> None:
         """Refuse a program or an order in local control."""
         why = "the robot is in local control"
-        self._error(READ_ONLY_CODE, why)
+        if len(self.messages) < _MOST_MESSAGES:
+            self._error(READ_ONLY_CODE, why)
         self._note(f"a program is not taken: {why}")
 
     def _prepare(self) -> None:
