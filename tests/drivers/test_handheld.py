@@ -57,6 +57,11 @@ def test_a_hand_that_is_not_held_deflects_nothing(kind):
     bench.run(0.2)
     expected = (0.0,) * 6 if kind == "xr" else (*HALF[:3], 0, 0, 0)
     assert bench.state.axes == pytest.approx(expected, abs=0.01)
+    bench.device.release("hold")
+    bench.run(0.2, NEUTRAL)
+    bench.device.press("hold")
+    bench.run(0.2)
+    assert bench.state.axes == pytest.approx(NEUTRAL, abs=0.01)
 
 
 def test_the_way_up_of_a_controller_is_up():
@@ -224,6 +229,8 @@ def test_silence_disarms_within_its_time_and_old_frames_do_not_help(kind):
         bench.run(0.002)
     assert bench.now_s - began_s <= 0.155
     assert bench.state.link is DeviceLink.STALE
+    assert bench.state.inertia is None
+    assert bench.core.metrics(bench.now_s)["silences"] == 1
     bench.device.resume()
     bench.device.age_s = 0.2
     bench.run(0.5)
