@@ -432,6 +432,7 @@ def test_a_page_on_the_bus_moves_and_feels(driver, options):
         until(lambda: peer.device.rumble == 0.5, "the peer vibrates")
         assert device.capabilities.gives_pose
         assert "hold" in device.capabilities.buttons
+        assert device.capabilities.feedback == {"rumble"}
 
 
 @pytest.mark.matrix

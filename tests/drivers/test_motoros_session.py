@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion import START_TRIES
-from cardan.drivers.motoros.motion_control import MotionPhase
+from cardan.drivers.motoros.motion_control import STOP_TRIES, MotionPhase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.errors import CommandError
@@ -498,6 +498,16 @@ def test_another_arm_than_the_controllers_is_refused():
     assert "axes" in run.states[-1].hold_reason
 
 
+def test_what_hinders_a_start_is_said_before_it():
+    run = bench("stream").run(0.5)
+    run.session.feed.other_axis = 8
+    assert "axis 8 of group 0 is not at zero" in run.session.control.hold_reason
+    run.session.feed.other_axis = 0
+    # What the controller does not report hinders nothing.
+    run.session.feed.status = STATUS._replace(motion_possible=0, mode=-1, drives_powered=0)
+    assert run.session.control.hold_reason == "motion is not enabled"
+
+
 def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
     def greet(run):
         return run.run(1.0, until=lambda: run.session.phase is MotionPhase.GREETING)
@@ -550,6 +560,30 @@ def test_braking_that_nobody_answers_ends_all_the_same(mode):
     where = run.controller.command_rad(0)
     run.run(0.5)
     assert run.controller.command_rad(0) == where
+
+
+def test_a_refused_end_of_a_mode_is_tried_again_so_often(monkeypatch):
+    run = turning(bench("velocity").ready()).run(0.5)
+    control, asked = run.session.control, []
+    send = control.requests.control
+    with monkeypatch.context() as refusing:
+        refusing.setattr(control, "_failure", lambda answer: "refused")
+        refusing.setattr(
+            control.requests, "control", lambda *request: asked.append(request[0]) or send(*request)
+        )
+        run.session.disable(run.now_s)
+        run.run(3.0, until=lambda: run.session.phase is MotionPhase.IDLE)
+    ways = (MotionCommand.STOP_VEL_MODE, MotionCommand.STOP_TRAJ_MODE)
+    assert asked == [way for way in ways for _ in range(STOP_TRIES + 1)]
+    assert "refused" in run.session.diagnosis(run.now_s)
+    # A stop ends these tries, too: none of them disturbs the next start.
+    turning(run.ready()).run(0.3)
+    run.session.disable(run.now_s)
+    with monkeypatch.context() as refusing:
+        refusing.setattr(control, "_failure", lambda answer: "refused")
+        run.run(5.0, until=lambda: control.phase is MotionPhase.LEAVING and control.requests.idle)
+    run.session.stop(run.now_s)
+    assert run.ready(0.5).states[-1].ready
 
 
 @pytest.mark.parametrize("trust", [True, False])
@@ -741,6 +775,24 @@ def test_a_feedback_that_no_robot_measures_is_ignored():
     assert feed.ignored == {"a feedback that is beyond any joint's range": 1}
     hear(0.5, 1e9, 1.2)
     assert (feed.velocities, feed.feedback_s) == ((), 1.2)
+
+
+@pytest.mark.parametrize("good", ["connection", "status", "feedback"])
+def test_bad_messages_in_a_row_end_a_connection(good):
+    feed = StateFeed(MotorosOptions())
+    body = JointFeedback(0, 6, 0.0, ZEROS, ZEROS, ZEROS)
+    bad, fine = body._replace(valid_fields=0), STATUS if good == "status" else body
+    for times in (7, 8):
+        assert not feed.failure
+        for _ in range(times):
+            feed.received(wire().encode(topic(bad)), 1.0)
+        if times == 7 and good == "connection":
+            feed.connected()
+        elif times == 7:
+            feed.received(wire().encode(topic(fine)), 1.0)
+            feed.received(wire().encode(topic(bad)), 1.0)
+            feed.received(wire().encode(topic(fine)), 1.0)
+    assert "8 bad messages" in feed.failure
 
 
 @settings(max_examples=examples(60))

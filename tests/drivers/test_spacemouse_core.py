@@ -598,6 +598,16 @@ def test_rezero_in_silence_takes_the_last_rest(device):
     assert device.state.link is DeviceLink.LIVE
 
 
+def test_rezero_takes_only_what_was_reported_since_it_was_opened():
+    device = Device(options=SpaceMouseOptions(dead_zone=0.0)).live()
+    device.motion((5, 5, 5, 5, 5, 5))
+    device.core.on_opened(device.now_s, device.model)
+    device.report(encode_translation(0, 0, 0), 0.008)
+    device.wait(1.0)
+    device.core.rezero(device.now_s)
+    assert device.live().state.axes == NEUTRAL
+
+
 def test_rezero_refuses_a_hand(device):
     with pytest.raises(CommandError, match="has not reported"):
         device.core.rezero(device.now_s)
