@@ -321,7 +321,9 @@ class TestLoop:
         assert robot.metrics()["foreign"] == 1
         other.socket.close()
 
-    def test_a_newer_loop_ends_the_one_before(self, robot: AbbEgm, peer: Peer) -> None:
+    def test_a_newer_loop_ends_the_one_before(
+        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         old = robot.cycles()
         peer.say()
         next(old)
@@ -331,6 +333,15 @@ class TestLoop:
         assert list(old) == []
         robot.send(HoldCommand())
         assert len(peer.rest()) <= 2
+
+        def hear_until_it_is_left() -> RobotState | None:
+            robot.cycles()
+            return hear()
+
+        hear = robot._hear
+        monkeypatch.setattr(robot, "_hear", hear_until_it_is_left)
+        peer.say()
+        assert list(new) == []
 
     def test_an_answer_that_cannot_leave_is_counted(self, robot: AbbEgm, peer: Peer) -> None:
         cycles = robot.cycles()
