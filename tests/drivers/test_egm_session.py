@@ -900,6 +900,9 @@ class TestStopping:
         assert joints_in(answer)[0] == pytest.approx(first + slower * PERIOD_S)
         assert bench.session.counters.late_commands == 1
         bench.session.answered(bench.now_s + 0.2)
+        metrics = bench.session.metrics()
+        assert metrics["reply_latency_median_s"] == pytest.approx(1e-4, rel=0.1)
+        assert metrics["reply_latency_max_s"] == pytest.approx(0.2)
         words = " ".join(bench.session.diagnosis(bench.now_s))
         assert "half of the answers left within 0.1 ms of their datagram, 99 % within " in words
         assert "the slowest after 200 ms; 1 times it was too late" in words

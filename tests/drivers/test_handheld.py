@@ -1,11 +1,13 @@
 """Phones and headset controllers: mapping of device motion, and causes of disarming."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
 from cardan.demos.examples import free_ports
 from cardan.drivers.bus_devices import Phone, Xr
+from cardan.drivers.bus_devices.device import RUMBLE_AGAIN_S, Rumbler
 from cardan.drivers.handheld import HandheldOptions, PhoneOptions, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.protocols.handheld.frames import BodyPart, GamepadFrame, OperatorFrame, encode_frame
@@ -412,6 +414,28 @@ def test_another_reference_disarms_where_each_hold_is_its_own_heading(kind):
 def test_options_that_are_none_are_refused(kind, key, value):
     with pytest.raises(OptionError, match=key):
         kind(**{key: value})
+
+
+# -- rumble ---------------------------------------------------------------------------------------
+
+
+def test_a_rumble_is_repeated_while_it_lasts():
+    sent = []
+    rumbler = Rumbler(SimpleNamespace(put=lambda data, stamp_ns: sent.append(data)))
+    for now_s, level, messages in (
+        (0.0, 0.0, 0),
+        (0.1, 0.5, 1),
+        (0.1 + 0.9 * RUMBLE_AGAIN_S, 0.5, 1),
+        (0.1 + RUMBLE_AGAIN_S, 0.5, 2),
+        (0.1 + RUMBLE_AGAIN_S, 1.0, 3),
+        (9.0, 0.0, 4),
+        (99.0, 0.0, 4),
+    ):
+        rumbler.level = level
+        rumbler.run_due(now_s)
+        assert len(sent) == messages
+    rumbler.end()
+    assert len(sent) == 4
 
 
 # -- on the bus -----------------------------------------------------------------------------------

@@ -540,8 +540,10 @@ def test_battery():
     assert device.core.diagnosis(device.now_s) == ["battery at 8 %: charge it"]
     device.report(encode_battery(8, True))
     assert device.core.diagnosis(device.now_s) == []
+    device.report(encode_battery(8, False))
     device.core.on_opened(device.now_s, device.model)
     assert device.state.battery is None
+    assert not any("battery" in words for words in device.core.diagnosis(device.now_s))
 
 
 OFF = (25, 0, -24, 0, 0, 0)

@@ -423,6 +423,10 @@ def test_a_daemon_that_repeats_is_refused():
 def test_a_daemon_that_begins_to_repeat_in_a_session_is_refused():
     daemon = Daemon(repeat_ms=-1)
     assert daemon.core.refusal == ""
+    asked = daemon.codes().count(Code.GCFG_REPEAT)
+    for _ in range(7):
+        daemon.wait(0.5 * REPEAT_CHECK_S)
+    assert daemon.codes().count(Code.GCFG_REPEAT) == asked + 3
     daemon.arm()
     daemon.send(encode_button(0, True))
     daemon.motion(PUSH)
