@@ -890,7 +890,7 @@ class TestStopping:
             if k == 119:  # A datagram is lost, and the controller's clock does not show it.
                 first += speed * PERIOD_S
                 bench.controller.seqno += 1
-            # What is measured has noise; what the controller planned has none.
+            # Measurements have noise; the plan of the controller has none.
             bench.controller.fields["planned"] = EgmMotion(joints=(first, *rest))
             bench.controller.joints = (first + noise_rad * (-1) ** k, *rest)
             bench.hear()

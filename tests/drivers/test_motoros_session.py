@@ -503,7 +503,7 @@ def test_what_hinders_a_start_is_said_before_it():
     run.session.feed.other_axis = 8
     assert "axis 8 of group 0 is not at zero" in run.session.control.hold_reason
     run.session.feed.other_axis = 0
-    # What the controller does not report hinders nothing.
+    # A value that the controller does not report hinders nothing.
     run.session.feed.status = STATUS._replace(motion_possible=0, mode=-1, drives_powered=0)
     assert run.session.control.hold_reason == "motion is not enabled"
 
