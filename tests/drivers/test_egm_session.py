@@ -785,7 +785,7 @@ class TestCommands:
         for _ in range(100):
             answer = bench.cycle(JointVelocityCommand((1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
         assert speeds_of(answer)[0] <= 0.1  # type: ignore[index]
-        assert not bench.session.slow_motion.capped
+        assert bench.session.slow_motion.commanded == 0.0  # No position is commanded.
 
     def test_speed_only_twist(self) -> None:
         bench = Bench(mode="pose", speed_reference="only", workspace_lower_m=(0.0, -1.0, 0.0),
@@ -1396,7 +1396,12 @@ class TestInsight:
         bench.controller.seqno = 0
         bench.cycle()
         assert "2 sessions" in self.words(bench)
-        assert bench.session.counters.final_commands == 0
+        for _ in range(5):
+            bench.cycle(joint_target(1.5))
+        bench.controller.seqno = 0
+        bench.cycle()
+        assert bench.session.sessions == 3
+        assert bench.session.handover is None  # It is still the same port.
 
     @pytest.mark.parametrize(
         ("fields", "profile"),
