@@ -506,6 +506,8 @@ def test_what_hinders_a_start_is_said_before_it():
     # A value that the controller does not report hinders nothing.
     run.session.feed.status = STATUS._replace(motion_possible=0, mode=-1, drives_powered=0)
     assert run.session.control.hold_reason == "motion is not enabled"
+    run.session.feed.status = STATUS._replace(motion_possible=0, e_stopped=1)
+    assert "emergency stop" in run.session.control.hold_reason
 
 
 def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
@@ -777,21 +779,18 @@ def test_a_feedback_that_no_robot_measures_is_ignored():
     assert (feed.velocities, feed.feedback_s) == ((), 1.2)
 
 
-@pytest.mark.parametrize("good", ["connection", "status", "feedback"])
+@pytest.mark.parametrize("good", ["status", "feedback"])
 def test_bad_messages_in_a_row_end_a_connection(good):
     feed = StateFeed(MotorosOptions())
     body = JointFeedback(0, 6, 0.0, ZEROS, ZEROS, ZEROS)
     bad, fine = body._replace(valid_fields=0), STATUS if good == "status" else body
-    for times in (7, 8):
+    for end in (feed.connected, lambda: feed.received(wire().encode(topic(fine)), 1.0), None):
+        for _ in range(7):
+            feed.received(wire().encode(topic(bad)), 1.0)
         assert not feed.failure
-        for _ in range(times):
-            feed.received(wire().encode(topic(bad)), 1.0)
-        if times == 7 and good == "connection":
-            feed.connected()
-        elif times == 7:
-            feed.received(wire().encode(topic(fine)), 1.0)
-            feed.received(wire().encode(topic(bad)), 1.0)
-            feed.received(wire().encode(topic(fine)), 1.0)
+        if end is not None:
+            end()
+    feed.received(wire().encode(topic(bad)), 1.0)
     assert "8 bad messages" in feed.failure
 
 
