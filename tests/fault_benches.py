@@ -774,6 +774,7 @@ class MotorosBench(Bench):
             session_bench.servers.advance(session_bench.now_s)
             self.watch()
         self.now_s = session_bench.now_s
+        session_bench.arrive()
 
     def _falsified(self, feedback: object) -> object:
         time_s = feedback.time + self.lied_s(self.now_s)  # type: ignore[attr-defined]

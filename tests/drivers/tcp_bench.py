@@ -46,6 +46,13 @@ class TcpBench:
                 del self.numbers[channel]
                 self.session.disconnected(channel, "the controller closed it", self.now_s)
 
+    def arrive(self):
+        """Let data of the controller wait at the session's end, as after a stall: the driver reads
+        it before it looks at the time."""
+        self._carry_from_controller()
+        self._flight = [(self.now_s if not to else due_s, to, key, data)
+                        for due_s, to, key, data in self._flight]  # fmt: skip
+
     def unplug(self, channel):
         """Break the connection for both ends."""
         number = self.numbers.pop(channel)

@@ -379,6 +379,22 @@ class TestVelocityStream:
         assert bench.motion.due(bench.now_s) == 0.0
         assert bench.counters.skipped_instants >= 3
 
+    def test_an_arm_that_went_on_during_a_pause_is_where_it_should_be(self):
+        bench = self.start()
+        command = JointVelocityCommand((0.5,) + (0.0,) * 5)
+        for _ in range(30):
+            bench.run(0.01, command, 1e-3)
+            bench.position[0] = bench.guide.reference[0]
+            bench.publish()
+        replaced = bench.counters.replaced
+        bench.now_s += 0.06
+        bench.position[0] += 0.5 * 0.06
+        bench.publish()
+        bench.run(0.004, command, 1e-3)
+        assert bench.counters.replaced == replaced
+        assert bench.velocities[-1][1].vel[0] == pytest.approx(0.5)
+        assert bench.guide.reference[0] == pytest.approx(bench.position[0], abs=0.005)
+
     def test_a_latched_watchdog_ends_it_in_words(self):
         bench = self.start(reply_every=5)
         bench.verdicts = [(5, 5041)]

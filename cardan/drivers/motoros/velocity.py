@@ -64,6 +64,7 @@ class VelocityStream(MotorosMotion):
         self._since_asked = 0
         self._accelerations = joints10(guide.accelerations)
         self._missed_s = 0.0
+        """Missed time that no state has reported yet."""
         self._lost = SlipCompensation(options.joints)
         self._asked: JointCommand | None = None
         """Previous command, if it was one of positions."""
@@ -86,6 +87,7 @@ class VelocityStream(MotorosMotion):
         its reply; then check the arm's position."""
         feed = self._feed
         if not self.waiting:
+            self._coast(now_s)
             if feed.feedbacks != self._watched:
                 self._look(now_s)
             return
@@ -142,24 +144,33 @@ class VelocityStream(MotorosMotion):
         self._watch.shift(by)
         self._counters.replaced += 1
 
+    def _coast(self, now_s: float) -> None:
+        """Continue at the last speeds through missed control instants, as the controller did.
+
+        This comes before the arm's position is looked at: an arm that is ahead of its last command
+        by that much is where it should be.
+        """
+        missed = int((now_s - self._deadline_s) / self.nominal_s)
+        if missed > 0:
+            missed_s = missed * self.nominal_s
+            self._counters.skipped_instants += missed
+            self._deadline_s += missed_s
+            self._missed_s += missed_s
+            self._guide.coast(missed_s)
+            self._lost.passed(missed_s)
+
     def due(self, now_s: float) -> float:
-        late_s = now_s - self._deadline_s
-        if late_s < 0.0:
+        self._coast(now_s)
+        if now_s < self._deadline_s:
             return 0.0
-        missed = int(late_s / self.nominal_s)
-        self._counters.skipped_instants += missed
-        self._missed_s = missed * self.nominal_s
-        self._deadline_s += self._missed_s + self.nominal_s
+        period_s = self._missed_s + self.nominal_s
+        self._missed_s = 0.0
+        self._deadline_s += self.nominal_s
         self.next_s = self._deadline_s
-        return self._missed_s + self.nominal_s
+        return period_s
 
     def command(self, command: RobotCommand, now_s: float) -> None:
         guide = self._guide
-        if self._missed_s:
-            # Meanwhile the controller has continued at its last speeds.
-            guide.coast(self._missed_s)
-            self._lost.passed(self._missed_s)
-            self._missed_s = 0.0
         guide.step(self._going_on(command), self.nominal_s)
         self._zeros = self._zeros + 1 if self.at_rest else 0
         self._watch.record(guide.reference, now_s)
