@@ -117,6 +117,7 @@ class Bench(ABC):
         """Error of the controller's clock, a key of CLOCKS."""
         self._lies_since_s = math.inf
         self.flooded = False
+        self._delay_s = 0.0
         self.states: list[RobotState] = []
         self.times: list[float] = []
         self.joints: list[tuple[float, ...]] = []
@@ -155,6 +156,10 @@ class Bench(ABC):
         """Stop the process; robot, network and kernel continue."""
         self._world(self.now_s + seconds)
 
+    def delay(self, seconds: float) -> None:
+        """Stop the process likewise between the next state that it may answer and its command."""
+        self._delay_s = seconds
+
     @abstractmethod
     def _turn(self, end_s: float) -> None:
         """Let the process answer one state, or wait until `end_s`."""
@@ -165,7 +170,11 @@ class Bench(ABC):
 
     def _tell(self, state: RobotState) -> RobotCommand:
         self.states.append(state)
-        return self.answer(state)
+        command = self.answer(state)
+        if self._delay_s and state.ready:
+            seconds, self._delay_s = self._delay_s, 0.0
+            self.stall(seconds)
+        return command
 
     def _note(self, time_s: float, joints: Sequence[float]) -> None:
         self.times.append(time_s)

@@ -80,6 +80,10 @@ def _stall(ms: int) -> Callable[[Bench, Scenario], None]:
     return lambda bench, scenario: bench.stall(1e-3 * ms)
 
 
+def _delay(ms: int) -> Callable[[Bench, Scenario], None]:
+    return lambda bench, scenario: bench.delay(1e-3 * ms)
+
+
 def _clock(name: str) -> Callable[[Bench, Scenario], None]:
     return lambda bench, scenario: bench.lie(name)
 
@@ -105,6 +109,9 @@ FAULTS: dict[str, Fault] = {
         _stall(100), own=(*_MOTOROS, JointStreamBench, Ros2Bench, UrBench)
     ),
     "process stalls for 500 ms": Fault(_stall(500), own=BENCHES),
+    "command is 20 ms late": Fault(_delay(20), own=(MotorosStreamBench, Ros2Bench)),
+    "command is 60 ms late": Fault(_delay(60), own=(MotorosStreamBench, Ros2Bench)),
+    "command is 150 ms late": Fault(_delay(150), own=BENCHES),
     "controller restarts": Fault(lambda bench, scenario: bench.restart(), own=BENCHES),
     "motors off": Fault(lambda bench, scenario: bench.unpower(), own=BENCHES),
     "program stopped at the robot": Fault(lambda bench, scenario: bench.unready(), own=BENCHES),

@@ -43,6 +43,9 @@ SPEED_UP_S: Final = 0.25
 SLOW_DOWN_S: Final = 0.1
 """Time constant of slowing a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
 
+JUMP_SHARE: Final = 0.5
+"""Share of a period's way beyond which a command jumps: a smaller step is inaccuracy."""
+
 NOTHING: Final = 1e-7
 """Smallest difference that counts: m, rad, and per s."""
 
@@ -375,6 +378,8 @@ class SlipCompensation:
         if self._interrupted:
             self._resume(moved, before, velocity, dt_s)
             before = velocity
+        elif self._rejoins(moved, before, velocity, dt_s):
+            before = velocity
         offset, rate = self.offset, self.rate
         ahead = square = faster = size = 0.0
         for v, each, r in zip(velocity, offset, rate, strict=True):
@@ -454,6 +459,32 @@ class SlipCompensation:
             if way * brakes > 0.0 and abs(brakes) > abs(way):
                 way = brakes  # It would reverse.
             plan.append((each - way, way, speed))
+
+    def _rejoins(
+        self,
+        moved: Sequence[float],
+        before: Sequence[float],
+        velocity: Sequence[float],
+        dt_s: float,
+    ) -> bool:
+        """Account for a command that jumps towards the robot, and return True for one: the robot is
+        there already. An application that answered late learns only by its next state that the
+        robot went on, or stopped, without it."""
+        offset, rate = self.offset, self.rate
+        size = after = jump = period = 0.0
+        for each, way, v in zip(offset, moved, velocity, strict=True):
+            by = way - v * dt_s
+            left = each - by
+            size += each * each
+            after += left * left
+            jump += by * by
+            period += v * dt_s * v * dt_s
+        if after >= size or jump <= JUMP_SHARE * JUMP_SHARE * period:
+            return False
+        for i, (way, was, v) in enumerate(zip(moved, before, velocity, strict=True)):
+            offset[i] -= way - v * dt_s
+            rate[i] += was - v
+        return True
 
     def _resume(
         self,

@@ -69,7 +69,7 @@ class SessionBench(TcpBench):
             self.states.append(state)
             command = self.answer(state)
             if command is not None:
-                session.command(command, now_s)
+                session.command(command, self.now_s)
             self._carry_from_session()
         commanded = self.controller.command_rad(0)
         self.trace.append((now_s, commanded[0], self.controller.measured_rad(0)[0]))

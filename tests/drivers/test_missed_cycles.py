@@ -45,6 +45,23 @@ def test_a_command_that_took_the_gap_along_is_not():
     assert not lost.working
 
 
+@pytest.mark.parametrize(
+    ("jump_m", "left_m"),
+    [
+        (0.006, 0.0),
+        (0.002, 0.004),
+        (0.007, -0.001),
+        (0.3 * 0.1 * PERIOD_S, 0.006),  # an inaccurate command
+        (-0.002, 0.006),  # a jump away from the robot
+        (0.013, 0.006),  # a jump beyond it
+    ],
+)
+def test_a_command_that_takes_the_gap_along_one_cycle_later_moves_no_robot(jump_m, left_m):
+    lost = after(0.06)
+    lost.step([0.1 * PERIOD_S + jump_m, 0.0], (0.1, 0.0), (0.1, 0.0), PERIOD_S)
+    assert lost.offset[0] == pytest.approx(left_m, abs=1e-4)
+
+
 def test_speeds_that_are_not_given_are_those_of_the_target():
     lost = SlipCompensation(1)
     lost.passed(0.06)
