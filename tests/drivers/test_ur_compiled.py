@@ -196,7 +196,7 @@ def test_what_missed_cycles_leave_is_worked_off_as_in_python():
             if swing == 0.0 and cycle % 200 > 100:
                 speeds = [0.0] * 6
             place = [q + v * 0.002 for q, v in zip(place, speeds, strict=True)]
-            if cycle % 50 == 5:  # towards the robot, or away
+            if cycle % 400 == 45:  # towards the robot, or away
                 share = choice.uniform(-0.5, 1.2)
                 place = [q + share * o for q, o in zip(place, plain._lost.offset, strict=True)]
             command = JointCommand(tuple(place), tuple(speeds))
