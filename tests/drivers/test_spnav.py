@@ -129,20 +129,6 @@ def test_from_one_cardan_to_another(path):
             driver.feedback(DeviceFeedback(rumble=1.0))
 
 
-def test_unplugging_behind_the_daemon_and_plugging_in_again(path):
-    with in_a_thread(Hand(path)) as hand, opened(path) as driver:
-        hand.touch(driver)
-        hand.axes = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
-        until(driver, lambda state: state.axes[0] > 0.4)
-        hand.link = DeviceLink.LOST
-        state = until(driver, lost)
-        assert state.axes == REST
-        assert "unplugged" in state.reason
-        hand.link, hand.axes = DeviceLink.LIVE, REST
-        until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
-        hand.touch(driver)
-
-
 @pytest.mark.real
 def test_a_daemon_that_ends_is_found_again(path):
     with in_a_thread(Hand(path)) as hand:
