@@ -97,9 +97,8 @@ def test_what_the_controller_stops_for(mode, event):
     assert_moves_only_when_enabled_anew(bench)
 
 
-def assert_moves_only_when_enabled_anew(bench):
-    """Remove the cause; assert that nothing moves by itself, and that motion is possible after
-    enabling again."""
+def assert_rests_until_enabled_anew(bench):
+    """Remove the cause; assert that nothing moves by itself, and enable a new session."""
     controller, now_s = bench.controller, bench.now_s
     controller.release_emergency_stop(now_s)
     controller.reset_alarm(now_s)
@@ -112,6 +111,10 @@ def assert_moves_only_when_enabled_anew(bench):
     sessions = bench.session.sessions
     bench.ready()
     assert bench.session.sessions == sessions + 1
+
+
+def assert_moves_only_when_enabled_anew(bench):
+    assert_rests_until_enabled_anew(bench)
     bench.run(0.6)
     assert speed(bench) == pytest.approx(SPEED, rel=0.05)
 
@@ -172,7 +175,7 @@ def test_a_half_open_connection(mode):
 def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
     bench = moving("velocity")
     at_s = bench.now_s
-    die(bench, 0.5)
+    bench.stall(0.5)
     assert speed(bench) == 0.0
     assert hardest(bench, at_s) <= ACCELERATION + ONE_PULSE
     assert SPEED * 0.095 <= traveled(bench, at_s) <= SPEED * (0.100 + 3 * IPC_S) + BRAKING_RAD
@@ -188,19 +191,9 @@ def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
 def test_a_stream_runs_out_when_the_program_is_dead():
     bench = moving("stream")
     at_s = bench.now_s
-    die(bench, 0.5)
+    bench.stall(0.5)
     assert speed(bench) == 0.0
     assert traveled(bench, at_s) <= SPEED * 0.045
-
-
-def die(bench, seconds):
-    """Stop the driver's process; its kernel keeps the sockets."""
-    end_s = bench.now_s + seconds
-    while bench.now_s < end_s:
-        bench.now_s += 2.5e-4
-        bench.servers.advance(bench.now_s)
-        command = bench.controller.command_rad(0)
-        bench.trace.append((bench.now_s, command[0], bench.controller.measured_rad(0)[0]))
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -308,7 +301,7 @@ def test_every_velocity_is_sent_and_accepted_to_the_last():
 @pytest.mark.matrix
 def test_a_stream_that_ran_empty_begins_anew_from_rest():
     bench = moving("stream")
-    die(bench, 0.06)
+    bench.stall(0.06)
     assert speed(bench, 0.008) == 0.0
     at_s = bench.now_s
     bench.run(1.5)
@@ -324,7 +317,7 @@ def test_a_stream_that_ran_empty_begins_anew_from_rest():
 @pytest.mark.parametrize("seconds", [0.15, 4.0])
 def test_a_long_pause_of_this_computer_ends_motion(mode, seconds):
     bench = moving(mode)
-    die(bench, seconds)
+    bench.stall(seconds)
     bench.run(0.5)
     at_s = bench.now_s
     bench.run(1.0)

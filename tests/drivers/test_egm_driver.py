@@ -373,6 +373,7 @@ class TestLeaving:
         with pytest.raises(NotOpenError):
             robot.send(FAST)
 
+    @pytest.mark.usefixtures("in_step")
     def test_a_late_command_is_replaced_by_braking(
         self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
     ) -> None:
