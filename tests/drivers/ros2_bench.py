@@ -53,8 +53,6 @@ class Wire:
         self.core.plant = ArmPlant(self.core.arm, coarse)
         self.to_pc, self.to_robot = FaultyLink(faults, 2), FaultyLink(faults, 3)
         self.now_s = 0.0
-        self.killed = False
-        """True once the gateway's process is dead."""
         self.sent = []
         self.path = []
         self.ready = []
@@ -63,9 +61,8 @@ class Wire:
         return self.now_s
 
     def send(self, data):
-        if not self.killed:
-            self.sent.append((self.now_s, data))
-            self.to_robot.push(self.now_s, data)
+        self.sent.append((self.now_s, data))
+        self.to_robot.push(self.now_s, data)
 
     def wait(self):
         until_s = self.now_s + 0.1
