@@ -133,7 +133,6 @@ def test_velocity_mode_ramps_when_the_motion_connection_is_cut():
     assert_moves_only_when_enabled_anew(bench)
 
 
-@pytest.mark.matrix
 def test_stock_firmware_plays_for_50_ms_when_the_motion_connection_is_cut():
     bench = moving("stream")
     at_s = bench.now_s
