@@ -68,6 +68,7 @@ BEYOND = "beyond the network"
 ACTS = 100
 PERIOD_S = 0.004
 REPORT_S = 0.008
+ROOM = 64
 """Report period of a SpaceMouse while it is deflected."""
 COUNTS = 150
 STROKE_S = 0.4
@@ -183,6 +184,9 @@ class Mouse(HandHeld):
                 with contextlib.suppress(OSError):  # The buffer of a stopped reader is full.
                     for packet in packets:
                         reader.send(packet, socket.MSG_DONTWAIT)
+                with contextlib.suppress(BlockingIOError):  # The LED's, for which there is room.
+                    while reader.recv(ROOM, socket.MSG_DONTWAIT):
+                        pass
         self._said = (self.buttons, self.axis)
 
     def close(self) -> None:

@@ -11,7 +11,11 @@ from cardan.common.sockets import absence, connected, hang_up
 from cardan.errors import DeviceAccessError
 
 TIMEOUT_S = 1.0
-"""Longest wait for a connection or a write: a running program accepts both at once."""
+"""Longest wait for a connection: a running program accepts it at once."""
+
+FEEDBACK_TIMEOUT_S = 0.03
+"""The same for feedback, which the reader sends: meanwhile nothing is read. A program that does not
+read its socket accepts nothing once that is full."""
 
 _ROOM = 4096
 """Size of every read, bytes: a smaller one would truncate packets."""
@@ -55,7 +59,7 @@ class PacketSocket:
             raise OSError(errno.ENODEV, "unplugged")
         return packet
 
-    def send(self, packet: bytes, timeout_s: float = TIMEOUT_S) -> None:
+    def send(self, packet: bytes, timeout_s: float = FEEDBACK_TIMEOUT_S) -> None:
         """Send one packet. Raises TimeoutError if it is not accepted in time."""
         self._peer.settimeout(timeout_s)
         self._peer.send(packet)

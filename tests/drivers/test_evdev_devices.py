@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cardan.drivers import reader_thread
+from cardan.drivers import packet_socket, reader_thread
 from cardan.drivers.access import open_error
 from cardan.drivers.evdev import device as shell, links, nodes
 from cardan.drivers.evdev.core import UNREAD_AFTER_S
@@ -586,7 +586,7 @@ def test_late_answers_are_no_garbage(tmp_path):
     slow = Slow(str(tmp_path / "s"))
     link = slow.link
     with pytest.raises(TimeoutError):
-        link.call(requests.EVIOCSFF, b"", links.FEEDBACK_TIMEOUT_S)
+        link.call(requests.EVIOCSFF, b"", packet_socket.FEEDBACK_TIMEOUT_S)
     assert not link.answers(0.01)
     assert not link.answers(0.01)
     slow.answer()
@@ -616,8 +616,8 @@ def test_an_answer_that_nobody_asked_for_is_garbage(tmp_path):
 
 
 def test_feedback_does_not_wait_for_a_device_that_hangs():
-    assert links.FEEDBACK_TIMEOUT_S <= 0.05
-    waits_s = shell.READ_TIMEOUT_S + shell.ANSWER_TIMEOUT_S + links.FEEDBACK_TIMEOUT_S
+    assert packet_socket.FEEDBACK_TIMEOUT_S <= 0.05
+    waits_s = shell.READ_TIMEOUT_S + shell.ANSWER_TIMEOUT_S + packet_socket.FEEDBACK_TIMEOUT_S
     assert waits_s < UNREAD_AFTER_S
 
 

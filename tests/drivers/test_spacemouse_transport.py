@@ -12,7 +12,7 @@ from collections import deque
 import pytest
 
 from cardan.cli.devices import list_devices as print_devices
-from cardan.drivers import access, base, reader_thread, registry
+from cardan.drivers import access, base, packet_socket, reader_thread, registry
 from cardan.drivers.hid import HidDevice
 from cardan.drivers.spacemouse import (
     SpaceMouse,
@@ -21,7 +21,8 @@ from cardan.drivers.spacemouse import (
     list_devices,
     transports,
 )
-from cardan.drivers.spacemouse.transports import HidTransport, SocketTransport
+from cardan.drivers.spacemouse.core import STALE_AFTER_S
+from cardan.drivers.spacemouse.transports import HidSocketLink, HidTransport, SocketTransport
 from cardan.errors import (
     CommandError,
     DeviceAccessError,
@@ -845,6 +846,24 @@ def test_socket_both_ways(puck, open_mouse):
     assert mouse.capabilities.feedback == {"led"}
     mouse.close()
     assert puck.peer.recv(64) == b""
+
+
+def test_an_led_message_that_nobody_reads_does_not_delay_motion(puck):
+    link = HidSocketLink(puck.path)
+    puck.accept()
+    with pytest.raises(TimeoutError):
+        write_all(link, [encode_led(True)] * 100_000)
+    report = encode_translation(0, 0, -175)
+    puck.send(report)
+    assert link.read(0.0) == report
+    assert 2 * packet_socket.FEEDBACK_TIMEOUT_S < STALE_AFTER_S  # switched on and off
+    link.close()
+    puck.peer.setblocking(False)
+
+
+def write_all(link, reports):
+    for report in reports:
+        link.write(report)
 
 
 def test_socket_model_names_the_buttons(puck, open_mouse):

@@ -142,7 +142,7 @@ def test_a_program_that_the_controller_does_not_understand_is_named(monkeypatch)
     bench = SessionBench().run(0.5)
     bench.session.ask("enable", bench.now_s)
     bench.run(1.0)
-    assert "line 2: modbus_add_signal() is not supported" in bench.states[-1].hold_reason
+    assert "line 2: compile_error_name_not_found:modbus_add_signal:" in bench.states[-1].hold_reason
 
 
 def test_text_of_a_urcap_during_a_start_is_none_of_its_failures():

@@ -130,7 +130,7 @@ def test_the_slider_makes_a_program_slower():
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("  modbus_add_signal([0])", "line 2: modbus_add_signal() is not supported"),
+        ("  modbus_add_signal([0])", "line 2: compile_error_name_not_found:modbus_add_signal:"),
         ("  movej([0])", "line 2: movej(): q is [0], which is not 6 joints"),
         ("  while True:\n    n = 1\n  end", "used too much time without instructing the robot"),
         ("  x = y", "y has no value"),
@@ -224,7 +224,7 @@ def test_a_protective_stop_can_be_unlocked_after_five_seconds():
     world.run(5.0)
     assert world.ask(board, "unlock protective stop") == "Protective stop releasing"
     assert world.ask(board, "safetystatus") == "Safetystatus: NORMAL"
-    assert world.ask(board, "programState") == "STOPPED"
+    assert world.ask(board, "programState") == "STOPPED <unnamed>"
 
 
 def test_a_guard_pauses_the_program_and_somebody_goes_on_with_it():

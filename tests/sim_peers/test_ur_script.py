@@ -230,7 +230,7 @@ textmsg("end ", n)"""
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("x = nothing()", "line 2: nothing() is not supported"),
+        ("x = nothing()", "line 2: compile_error_name_not_found:nothing:"),
         ('x = "a" + 1', "'a' is not a number"),
         ("x = [1, 2] + [1]", "lists of 2 and 1"),
         ("x = [[[1]]]", "a matrix has two dimensions"),

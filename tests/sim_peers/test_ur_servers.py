@@ -115,8 +115,8 @@ def test_messages_come_on_the_primary_interface_only():
         (MessageKind.VERSION, "URControl"),
         (MessageKind.KEY, "test"),
         (MessageKind.TEXT, "hello"),
-        (MessageKind.KEY, "test"),
         (MessageKind.ERROR_CODE, "fault"),
+        (MessageKind.KEY, "test"),
         (MessageKind.SAFETY_MODE, ""),
     ]
     for kind in ("primary", "primary-read"):
@@ -324,6 +324,9 @@ def test_local_control_takes_no_orders():
     assert messages(world, heard)[-1].text == "the robot is in local control"
     world.upload("  sync()").run(0.2)
     assert "a program is not taken: the robot is in local control" in world.events()
+    world.say(world.join("secondary"), b"power off\n" * 2_000)
+    refused = [m for m in messages(world, heard) if m.kind == MessageKind.ERROR_CODE]
+    assert len(refused) == 1_000 + 2
 
 
 # -- the dashboard ---------------------------------------------------------------------------------

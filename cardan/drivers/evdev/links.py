@@ -32,9 +32,6 @@ READ_BYTES = 64 * EVENT_BYTES
 CALL_TIMEOUT_S = 0.5
 """Timeout of a simulated device's answers about its identity or values, s."""
 
-FEEDBACK_TIMEOUT_S = 0.03
-"""The same for feedback while the device is read, s: it delays reading."""
-
 
 class EvdevLink(ABC):
     """An open device. All methods but close() raise OSError once it is gone."""
@@ -124,7 +121,7 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
                 return packet
 
     def write(self, events: bytes) -> None:
-        self.send(events, FEEDBACK_TIMEOUT_S)
+        self.send(events)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
         """Send the request and wait for its answer; events received meanwhile are kept."""

@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.device import EvdevDevice
-from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, EvdevLink
+from cardan.drivers.evdev.links import EvdevLink
 from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad, joystick, pad_in_mode_d
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
+from cardan.drivers.packet_socket import FEEDBACK_TIMEOUT_S
 from cardan.drivers.simulated import OWN
 from cardan.protocols.evdev.events import EV_FF, InputEvent, MalformedPacket, encode_events
 from cardan.protocols.evdev.requests import (

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from cardan.drivers.evdev.device import EvdevDevice
-from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, EvdevLink
+from cardan.drivers.evdev.links import EvdevLink
 from cardan.drivers.evdev.nodes import GROUP_HINT, is_keyboard
 from cardan.drivers.keyboard.core import KeyboardCore
 from cardan.drivers.keyboard.options import KeyboardOptions
+from cardan.drivers.packet_socket import FEEDBACK_TIMEOUT_S
 from cardan.drivers.simulated import OWN
 from cardan.protocols.evdev.requests import EVIOCGRAB, encode_int
 from cardan.types import DeviceCapabilities

@@ -175,9 +175,9 @@ def key_message(time_s: float, title: str, text: str) -> bytes:
     return _message(time_s, MessageKind.KEY, content)
 
 
-def exception_message(time_s: float, line: int, text: str) -> bytes:
-    """Encode the reason why a program ended or did not start."""
-    content = _PLACE.pack(line, 1) + text.encode()
+def exception_message(time_s: float, line: int, text: str, column: int = 1) -> bytes:
+    """Encode the reason why a program ended or did not start; line and column from 1."""
+    content = _PLACE.pack(line, column) + text.encode()
     return _message(time_s, MessageKind.RUNTIME_EXCEPTION, content)
 
 

@@ -770,7 +770,7 @@ class Compiler:
             return await self._struct(call, scope)
         function = self._functions.get(call.name)
         if function is None:
-            return _Code(_raises(call.line, f"{call.name}() is not supported"))
+            return _Code(_raises(call.line, f"compile_error_name_not_found:{call.name}:"))
         bound = _bound(call, function.parameters, function.defaults)
         if isinstance(bound, str):
             return _Code(_raises(call.line, bound))

@@ -13,7 +13,7 @@ import math
 import random
 from collections import deque
 from collections.abc import Callable, Coroutine, Mapping
-from typing import Final
+from typing import Final, NoReturn
 
 from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
 from cardan.protocols.ur.primary import (
@@ -37,7 +37,7 @@ from cardan.sim_peers.ur_controller.io_functions import (
     register_functions,
 )
 from cardan.sim_peers.ur_controller.kinematics import UrKinematics
-from cardan.sim_peers.ur_controller.language import Action, Function, ProgramError, Sleep
+from cardan.sim_peers.ur_controller.language import Action, Function, HaltError, ProgramError
 from cardan.sim_peers.ur_controller.machine import Machine
 from cardan.sim_peers.ur_controller.math_functions import math_functions
 from cardan.sim_peers.ur_controller.motion import ArmMotion
@@ -54,7 +54,11 @@ LONGEST_STALL_S: Final = 0.5
 JOINT_RANGE: Final = math.radians(363.0)
 """Range of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
 STOP_CODE: Final = 204
-"""Error of every protective stop: UR's for a failed path check."""
+"""Error of a protective stop by the safety system: UR's for a failed path check."""
+ORDERED_STOP_CODE: Final = 209
+"""Error of a protective stop that a program calls for."""
+READ_ONLY_CODE: Final = 210
+"""Error of a program or an order in local control: the interface is read-only."""
 _MAX_EVENTS = 10_000
 _MOST_MESSAGES = 1_000
 """Most waiting messages; further messages of a program are lost."""
@@ -107,7 +111,9 @@ class UrController:
             **pose_functions(),
             **motion_functions(self.motion),
             **dynamics_functions(self.motion, self.dynamics),
-            "protective_stop": self._order(lambda: self.protective_stop("the program")),
+            "protective_stop": self._order(
+                lambda: self.protective_stop("the program", ORDERED_STOP_CODE)
+            ),
             "powerdown": self._order(self.power_off),
         }
         self.mode = RobotMode.RUNNING if options.running else RobotMode.POWER_OFF
@@ -185,6 +191,10 @@ class UrController:
             self._key("PROGRAM_XXX_STARTED", self.program_name)
         self._look_at_watchdogs()
         action = self._acting()
+        ordered, self._ordered = self._ordered, None
+        if ordered is not None:
+            ordered()
+            action = None
         self.motion.paused = self.runtime is RuntimeState.PAUSED
         stopped = self.motion.step(action, self.period_s, self.slider)
         if stopped:
@@ -211,25 +221,22 @@ class UrController:
         try:
             action = program.step(self._left_of)
         except ProgramError as error:
-            self._exception(error.line, error.reason)
+            self._exception(error.line, error.reason, program.source)
             self._end_program(f"runtime exception in line {error.line}: {error.reason}")
             return None
-        ordered, self._ordered = self._ordered, None
-        if ordered is not None:
-            ordered()
-            return None
-        if program.ended:
+        if program.ended and self._ordered is None:
             self._end_program(_ITS_END)
         return action
 
     def _order(self, action: Callable[[], None]) -> Function:
-        """Return a function that ends its own program after the program's frame."""
+        """Return a function that ends its program, also a secondary one, and acts after that
+        program's frame."""
 
-        def order() -> Action:
+        def order() -> NoReturn:
             self._ordered = action
-            return Sleep(self.period_s)
+            raise HaltError
 
-        return Function((), {}, order, takes_time=True)
+        return Function((), {}, order)
 
     def _left_of(self, action: Action) -> Action | None:
         return self.motion.left_of(action, self.period_s)
@@ -239,6 +246,9 @@ class UrController:
     def upload(self, text: str, name: str = "") -> None:
         """Accept a program, which replaces the running one. `name`: its name, if not the one in its
         text."""
+        if not self.remote:
+            self.refuse_in_local_control()
+            return
         why = self._why_no_program()
         if why:
             self.refuse(why)
@@ -249,6 +259,13 @@ class UrController:
     def refuse(self, why: str) -> None:
         """Refuse a program."""
         self._said(why)
+        self._note(f"a program is not taken: {why}")
+
+    def refuse_in_local_control(self) -> None:
+        """Refuse a program or an order in local control."""
+        why = "the robot is in local control"
+        if len(self.messages) < _MOST_MESSAGES:
+            self._error(READ_ONLY_CODE, why)
         self._note(f"a program is not taken: {why}")
 
     def _prepare(self) -> None:
@@ -266,14 +283,14 @@ class UrController:
         """Parse and compile a program in portions, and start it."""
         program = await parsed(text)
         if isinstance(program, ParseFailure):
-            self._exception(program.line, program.reason)
+            self._exception(program.line, program.reason, text)
             self._note(f"a program is refused, line {program.line}: {program.reason}")
             return
         try:
-            machine = Machine(self.period_s)
+            machine = Machine(self.period_s, text)
             await machine.load(program, self.functions)
         except ProgramError as error:
-            self._exception(error.line, error.reason)
+            self._exception(error.line, error.reason, text)
             return
         if program.secondary:
             self._portions = 0  # One of them in a frame.
@@ -293,13 +310,11 @@ class UrController:
         try:
             machine.run_at_once()
         except ProgramError as error:
-            self._exception(error.line, error.reason)
+            self._exception(error.line, error.reason, machine.source)
             self._note(f"secondary program {machine.name}, line {error.line}: {error.reason}")
         machine.close()
 
     def _why_no_program(self) -> str:
-        if not self.remote:
-            return "the robot is in local control"
         if self.safety not in MOVES_IN:
             return f"the robot's safety mode is {self.safety.name}"
         if self.mode is not RobotMode.RUNNING:
@@ -386,9 +401,15 @@ class UrController:
     def _key(self, title: str, text: str) -> None:
         self.messages.append(key_message(self.time_s, title, text))
 
-    def _exception(self, line: int, reason: str) -> None:
+    def _exception(self, line: int, reason: str, text: str) -> None:
+        """Report an error in a line of the program `text`, at the column of its first word."""
         if not self.options.faults.get("no-exceptions", 0.0):
-            self.messages.append(exception_message(self.time_s, line, reason))
+            found = text.split("\n")[line - 1 : line]
+            column = 1 + sum(len(each) - len(each.lstrip()) for each in found)
+            self.messages.append(exception_message(self.time_s, line, reason, column))
+
+    def _error(self, code: int, why: str) -> None:
+        self.messages.append(error_message(self.time_s, code, 0, ReportLevel.VIOLATION, why))
 
     # -- power and safety ------------------------------------------------------------------------
 
@@ -417,24 +438,29 @@ class UrController:
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self._note("power off")
 
-    def protective_stop(self, why: str) -> None:
-        """Stop the arm by the safety system; the program ends."""
+    def protective_stop(self, why: str, code: int = STOP_CODE) -> None:
+        """Stop the arm; the program ends. `code`: of the error."""
         if self.safety not in MOVES_IN:
             return
+        self._error(code, why)
         self._stop(SafetyMode.PROTECTIVE_STOP, why)
 
     def unlock_protective_stop(self) -> str:
-        """Release a protective stop if allowed; return the reply of the dashboard."""
-        if self.safety is not SafetyMode.PROTECTIVE_STOP:
-            return "Protective stop releasing"
-        if self.time_s - self._stopped_s < UNLOCK_AFTER_S:
+        """Release a protective stop if the dashboard may; return its reply."""
+        stopped = self.safety is SafetyMode.PROTECTIVE_STOP
+        if stopped and self.time_s - self._stopped_s < UNLOCK_AFTER_S:
             return (
                 "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of "
                 "protective stop before unlocking"
             )
-        self.safety = SafetyMode.NORMAL
-        self._note("the protective stop is unlocked")
+        self.release_protective_stop()
         return "Protective stop releasing"
+
+    def release_protective_stop(self) -> None:
+        """Release a protective stop, also at once: the pause is the dashboard's."""
+        if self.safety is SafetyMode.PROTECTIVE_STOP:
+            self.safety = SafetyMode.NORMAL
+            self._note("the protective stop is unlocked")
 
     def safeguard_stop(self) -> None:
         """Open a guard: the arm stops, the program is paused."""
@@ -477,10 +503,6 @@ class UrController:
         self.motion.halt()
         self.safety = mode
         self._stopped_s = self.time_s
-        if mode is SafetyMode.PROTECTIVE_STOP:
-            self.messages.append(
-                error_message(self.time_s, STOP_CODE, 0, ReportLevel.VIOLATION, why)
-            )
         self._note(f"{mode.name}: {why}")
 
     def _note(self, text: str) -> None:

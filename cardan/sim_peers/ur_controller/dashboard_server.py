@@ -10,6 +10,7 @@ from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.pendant import (
     OPERATIONAL_MODES,
     SERIAL_NUMBER,
+    UNNAMED,
     USER_ROLES,
     Pendant,
 )
@@ -208,7 +209,7 @@ class Dashboard:
     def _program_state(self) -> str:
         controller = self._controller
         state = controller.runtime.name if controller.has_program else "STOPPED"
-        return f"{state} {self._pendant.program_name}".rstrip()
+        return f"{state} {self._pendant.program_name or UNNAMED}"
 
     def _help(self) -> str:
         return f"Available commands: {', '.join(sorted({*self._exact, *self._begins}))}"

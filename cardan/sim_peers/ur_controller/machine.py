@@ -66,8 +66,10 @@ class Thread:
 class Machine:
     """A run of a program."""
 
-    def __init__(self, period_s: float) -> None:
+    def __init__(self, period_s: float, source: str = "") -> None:
         self.name = ""
+        self.source = source
+        """Text of the program."""
         self.secondary = False
         self.frame = 0
         self.ended = False

@@ -285,9 +285,13 @@ class ArmMotion:
         """Return True if the smallest singular value of the arm's Jacobian is below `threshold`."""
         return Differential(forward(self.actual_q, self.kinematics.links)).is_singular(threshold)
 
-    def fastest_on(self, path: MovejPath | ToolPath) -> float:
-        """Return the highest speed along a path from the target at which no joint is too fast."""
-        q, length, fastest = self.target_q, path.length / _SAMPLES, math.inf
+    def fastest_on(
+        self, path: MovejPath | ToolPath, start_q: Sequence[float] | None = None
+    ) -> float:
+        """Return the highest speed along a path from `start_q` (default: the target) at which no
+        joint is too fast."""
+        q = self.target_q if start_q is None else start_q
+        length, fastest = path.length / _SAMPLES, math.inf
         for sample in range(1, _SAMPLES + 1):
             found = joints_on(self.kinematics, path, sample * length, q, self.tcp)
             if found is None:  # The move itself says so, once it gets there.
@@ -705,7 +709,7 @@ class ArmMotion:
             self._say("Overlapping Blends: a move is skipped")
             self._skipped = action
             return before
-        a, most = self._limits(action, path)
+        a, most = self._limits(action, path, start_q)
         within = 0.0
         if action.r > 0.0 and way > _ROUNDING:
             within = length_within(self.kinematics, path, action.r, tcp)
@@ -743,11 +747,15 @@ class ArmMotion:
             self._run.released_at = math.inf
         return self._run
 
-    def _limits(self, action: Move, path: MovejPath | ToolPath) -> tuple[float, float]:
-        """Return acceleration and highest speed along a path."""
+    def _limits(
+        self, action: Move, path: MovejPath | ToolPath, start_q: Sequence[float]
+    ) -> tuple[float, float]:
+        """Return acceleration and highest speed along a path. A move for whose time the joints are
+        too slow takes longer."""
         if not isinstance(action, MoveC) and action.t > 0.0:
-            v = path.length / (0.75 * action.t)
-            return max(v / (0.25 * action.t), _AT_REST), max(v, _AT_REST)
+            v = max(path.length / (0.75 * action.t), _AT_REST)
+            share = min(self.fastest_on(path, start_q) / v, 1.0) if path.length else 1.0
+            return max(v * share * share / (0.25 * action.t), _AT_REST), v * share
         most = action.v
         if isinstance(path, MovejPath):
             for change, limit in zip(path.change, self._speed, strict=True):

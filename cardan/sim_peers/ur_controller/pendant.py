@@ -17,6 +17,8 @@ SERIAL_NUMBER: Final = "20000000000"
 USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
 OPERATIONAL_MODES: Final = ("NONE", "MANUAL", "AUTOMATIC")
 REPORTS: Final = ("controller", "software", "system")
+UNNAMED: Final = "<unnamed>"
+"""Name of the program in its state if none is loaded."""
 DEFAULT_INSTALLATION: Final = "default.installation"
 LOG_FILE: Final = "log_history.txt"
 SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}.zip"

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from cardan.protocols.ur.primary import text_message
 from cardan.sim_peers.ur_controller.controller import UrController
 
 ORDERS: Final[Mapping[str, Callable[[UrController], object]]] = {
     "power on": UrController.power_on,
     "power off": UrController.power_off,
     "set robotmode run": UrController.release_brakes,
-    "set unlock protective stop": UrController.unlock_protective_stop,
+    "set unlock protective stop": UrController.release_protective_stop,
     "stop program": UrController.stop_program,
     "pause program": UrController.pause,
     "resume program": UrController.resume,
@@ -36,8 +35,7 @@ def take(controller: UrController, text: str) -> None:
         if controller.remote:
             order(controller)
         else:
-            why = "the robot is in local control"
-            controller.messages.append(text_message(controller.time_s, why))
+            controller.refuse_in_local_control()
         return
     controller.upload(text, "" if words[0] in _BEGINS else LINE)
 
