@@ -72,6 +72,19 @@ def test_after_connecting_it_asks_and_starts_nothing():
     assert run.servers.counters.pipelined == 0
 
 
+def test_an_idle_connection_is_checked_every_second_and_its_loss_is_named():
+    run = bench("auto").run(1.0)
+    requests = run.session.control.requests
+    asked_s = set()
+    run.run(3.5, until=lambda: asked_s.add(requests.asked_s))
+    gaps = [after - before for before, after in pairwise(sorted(asked_s))]
+    assert gaps == pytest.approx([1.0] * 4, abs=0.01)
+    run.servers.data = lambda key, data, now_s: None
+    words = "no reply to CHECK_MOTION_READY for 0.5 s"
+    run.run(2.0, until=lambda: words in run.states[-1].hold_reason)
+    assert words in run.states[-1].hold_reason
+
+
 def test_states_come_at_least_every_tenth_of_a_second():
     for run in (bench("stream").run(2.0), bench("stream")):
         if not run.states:

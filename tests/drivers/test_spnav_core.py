@@ -326,7 +326,9 @@ def test_a_daemon_without_a_device_says_so():
     daemon = Daemon(buttons=None)
     assert daemon.state.link is DeviceLink.LOST
     assert "no device" in daemon.state.reason
-    daemon.motion(REST)  # a device appeared after all
+    daemon.motion(PUSH)  # a device appeared after all
+    assert (daemon.state.link, daemon.state.axes) == (DeviceLink.NEEDS_NEUTRAL, NEUTRAL)
+    daemon.motion(REST)
     assert daemon.state.link is DeviceLink.LIVE
 
 
