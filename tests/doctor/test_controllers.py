@@ -1,5 +1,6 @@
 """Controllers: the doctor listens or connects to them, and never commands them."""
 
+import contextlib
 import errno
 import socket
 import threading
@@ -91,25 +92,31 @@ def free_port():
         return sock.getsockname()[1]
 
 
-@pytest.mark.real
-def test_a_controller_that_sends_is_heard_and_not_answered():
-    endpoint = Endpoint("udp", "127.0.0.1", free_port(), True)
+@contextlib.contextmanager
+def sending(data, port):
+    """Yield a socket that sends the same datagram every 10 ms."""
     stop = threading.Event()
-    with udp() as controller:
-        controller.setblocking(False)
+    with udp() as sock:
 
         def send():
             while not stop.wait(0.01):
-                controller.sendto(b"state", ("127.0.0.1", endpoint.port))
+                sock.sendto(data, ("127.0.0.1", port))
 
-        sending = threading.Thread(target=send)
-        sending.start()
+        thread = threading.Thread(target=send)
+        thread.start()
         try:
-            heard = listen([endpoint], 20.0)
+            yield sock
         finally:
             stop.set()
-            sending.join()
-        assert heard == {endpoint: Heard(("127.0.0.1",))}
+            thread.join()
+
+
+@pytest.mark.real
+def test_a_controller_that_sends_is_heard_and_not_answered():
+    endpoint = Endpoint("udp", "127.0.0.1", free_port(), True)
+    with sending(b"state", endpoint.port) as controller:
+        controller.setblocking(False)
+        assert listen([endpoint], 20.0) == {endpoint: Heard(("127.0.0.1",))}
         with pytest.raises(BlockingIOError):
             controller.recv(100)
 
@@ -117,21 +124,8 @@ def test_a_controller_that_sends_is_heard_and_not_answered():
 @pytest.mark.matrix
 def test_datagrams_of_another_protocol_are_no_controller():
     (endpoint,) = AbbEgm(listen_host="127.0.0.1", listen_port=free_port()).endpoints()
-    stop = threading.Event()
-    with udp() as other:
-
-        def send():
-            while not stop.wait(0.01):
-                other.sendto(b"GET / HTTP/1.1", ("127.0.0.1", endpoint.port))
-
-        sending = threading.Thread(target=send)
-        sending.start()
-        try:
-            heard = listen([endpoint], 2.0)
-        finally:
-            stop.set()
-            sending.join()
-    assert heard == {endpoint: Heard(said=b"GET / HTTP/1.1")}
+    with sending(b"GET / HTTP/1.1", endpoint.port):
+        assert listen([endpoint], 2.0) == {endpoint: Heard(said=b"GET / HTTP/1.1")}
 
 
 @pytest.mark.matrix

@@ -31,8 +31,6 @@ SPEED = 0.3
 ACCELERATION = 5.0
 STOP = 5.0
 TURN = JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
-SERVO = 0.03
-"""Lag of servoj behind a ramp, s."""
 
 
 def turning(**controller):

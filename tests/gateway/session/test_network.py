@@ -173,22 +173,19 @@ class User:
     def wait_for_authority(self):
         """Wait until no other source has the arm: a source that left keeps it until its lease
         ends."""
-        topic = f"{ARM}/state/status"
-        self.heard(topic)
-        until(
-            lambda: any(each["authority"] in ("", "ros2 /user") for each in self.heard(topic)),
-            "the end of the lease",
-        )
+        self.wait_for_status("the end of the lease", authority=("", "ros2 /user"))
 
     def rest(self):
         """Stop the motion, and wait until the arm is at rest."""
         assert self.call("stop", "std_srvs/srv/Trigger")["success"]
+        self.wait_for_status("the rest", phase=("disarmed", "holding"))
+
+    def wait_for_status(self, what, **values):
+        """Wait until a new status of the arm has one of the values of a field."""
+        ((field, allowed),) = values.items()
         topic = f"{ARM}/state/status"
         self.heard(topic)
-        until(
-            lambda: any(each["phase"] in ("disarmed", "holding") for each in self.heard(topic)),
-            "the rest",
-        )
+        until(lambda: any(each[field] in allowed for each in self.heard(topic)), what)
 
 
 @pytest.fixture(scope="module")
