@@ -24,6 +24,7 @@ from cardan.drivers.ur_rtde import UrRtde
 from cardan.protocols.ur.dashboard import GREETING
 from cardan.protocols.ur.rtde import PacketType, reply_accepted, text
 from tests.doctor.levels_and_codes import levels_and_codes
+from tests.serving import free_udp_port
 
 EGM = Endpoint("udp", "192.168.125.99", 6510, True, "192.168.125.1")
 STATE = Endpoint("tcp", "192.168.255.1", 50241)
@@ -87,11 +88,6 @@ def udp():
     return sock
 
 
-def free_port():
-    with udp() as sock:
-        return sock.getsockname()[1]
-
-
 @contextlib.contextmanager
 def sending(data, port):
     """Yield a socket that sends the same datagram every 10 ms."""
@@ -113,7 +109,7 @@ def sending(data, port):
 
 @pytest.mark.real
 def test_a_controller_that_sends_is_heard_and_not_answered():
-    endpoint = Endpoint("udp", "127.0.0.1", free_port(), True)
+    endpoint = Endpoint("udp", "127.0.0.1", free_udp_port(), True)
     with sending(b"state", endpoint.port) as controller:
         controller.setblocking(False)
         assert listen([endpoint], 20.0) == {endpoint: Heard(("127.0.0.1",))}
@@ -123,7 +119,7 @@ def test_a_controller_that_sends_is_heard_and_not_answered():
 
 @pytest.mark.matrix
 def test_datagrams_of_another_protocol_are_no_controller():
-    (endpoint,) = AbbEgm(listen_host="127.0.0.1", listen_port=free_port()).endpoints()
+    (endpoint,) = AbbEgm(listen_host="127.0.0.1", listen_port=free_udp_port()).endpoints()
     with sending(b"GET / HTTP/1.1", endpoint.port):
         assert listen([endpoint], 2.0) == {endpoint: Heard(said=b"GET / HTTP/1.1")}
 
@@ -132,7 +128,7 @@ def test_datagrams_of_another_protocol_are_no_controller():
 def test_silence_and_ports_that_cannot_be_had():
     with udp() as other:
         port = other.getsockname()[1]
-        quiet = Endpoint("udp", "127.0.0.1", free_port(), True)
+        quiet = Endpoint("udp", "127.0.0.1", free_udp_port(), True)
         taken = Endpoint("udp", "127.0.0.1", port, True)
         foreign = Endpoint("udp", "192.0.2.1", port, True)
         unnamed = Endpoint("udp", "no host of this name", port, True)

@@ -19,7 +19,7 @@ from cardan.types import DeviceLink
 from cardan_jr3.driver import Jr3, Jr3Options, bus, can_interfaces, device as device_module
 from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
 from cardan_jr3.protocol import CanFrame, Opcode
-from tests.serving import in_a_thread
+from tests.serving import free_tcp_port, free_udp_port, in_a_thread
 
 pytestmark = pytest.mark.matrix
 
@@ -55,12 +55,6 @@ def zeroed(device):
 def push(peer, force_n):
     """Replace the script by a constant push."""
     peer.motion.advance = lambda now_s, sensor: sensor.set_wrench((force_n, 0, 0, 0, 0, 0))
-
-
-def free_port(kind):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def need_multicast():
@@ -111,7 +105,7 @@ def test_on_a_virtual_bus():
 @pytest.mark.judged(device="JR3", transport="CAN over UDP multicast", by="simulated peer")
 def test_over_udp_multicast():
     need_multicast()
-    port = free_port(socket.SOCK_DGRAM)
+    port = free_udp_port()
     peer = Jr3Peer(Jr3PeerOptions(port=port, script="rest", **UP))
     assert peer.endpoint == f"udp_multicast {GROUP}:{port} node 33"
     options = Jr3Options(interface="udp_multicast", channel=GROUP, port=port)
@@ -182,7 +176,7 @@ def test_a_power_failure_costs_the_zero():
 
 
 def test_a_server_that_goes_is_noticed_and_found_again():
-    port = free_port(socket.SOCK_STREAM)
+    port = free_tcp_port()
     serve = Jr3PeerOptions(serve_socketcand=True, port=port, script="rest", offset=(0.0,) * 6, **UP)
     options = Jr3Options(interface="socketcand", port=port, wait_for_device=True)
     with Jr3(options) as device:
@@ -363,7 +357,7 @@ def test_the_end_of_a_stream_is_no_silence():
 
 
 def test_socketcand_of_python_can_has_the_stream_that_is_watched():
-    port = free_port(socket.SOCK_STREAM)
+    port = free_tcp_port()
     serve = Jr3PeerOptions(serve_socketcand=True, port=port, script="rest", **UP)
     with in_a_thread(Jr3Peer(serve)):
         opened = bus.open_bus(Jr3Options(interface="socketcand", port=port))
