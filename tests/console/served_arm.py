@@ -15,6 +15,7 @@ from cardan.gateway.servers.console.site import Site
 from cardan.protocols.ros2.cdr import codec_of
 from tests.gateway.servers.bench import WAIT_S, served
 from tests.serving import ARM_SESSION, session_on_the_network
+from tests.waiting import until
 
 ARM = "/left/arm"
 STATUS = "cardan_msgs/msg/ArmStatus"
@@ -55,10 +56,7 @@ def motion_of(network: BusNetwork) -> Iterator[Callable[[], bool]]:
 
 def stops(moving: Callable[[], bool]) -> None:
     """Wait until the arm rests, and check that it stays at rest."""
-    end_s = time.monotonic() + STOPPED_S
-    while moving():
-        assert time.monotonic() < end_s, "the arm does not stop"
-        time.sleep(0.02)
+    until(lambda: not moving(), "the arm's stop", STOPPED_S)
     end_s = time.monotonic() + 0.5
     while time.monotonic() < end_s:
         assert not moving()

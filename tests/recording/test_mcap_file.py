@@ -65,9 +65,8 @@ def read_on(stream):
     return rows
 
 
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "record.mcap"
+def begun(path):
+    """Return the writer of a record at `path` that has all messages, in three chunks."""
     writer = RecordWriter(path)
     writer.attach("configuration.json", "{}", NS)
     writer.describe("cardan", {"cardan": "1"})
@@ -75,7 +74,13 @@ def file(tmp_path):
         writer.add(message)
         if number % 100 == 99:
             writer.flush()
-    writer.finish()
+    return writer
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "record.mcap"
+    begun(path).finish()
     return path
 
 

@@ -5,7 +5,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 
 import pytest
 
@@ -20,6 +19,7 @@ from cardan_jr3.driver import Jr3, Jr3Options, bus, can_interfaces, device as de
 from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
 from cardan_jr3.protocol import CanFrame, Opcode
 from tests.serving import free_tcp_port, free_udp_port, in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
@@ -30,17 +30,8 @@ REST = (0.0,) * 6
 UP = {"boot_s": 0.0}
 
 
-def wait_for(condition, seconds=8.0):
-    """Poll `condition` until it holds; return its value."""
-    end_s = time.monotonic() + seconds
-    while not (value := condition()):
-        assert time.monotonic() < end_s, "the condition did not hold in time"
-        time.sleep(0.005)
-    return value
-
-
 def live(device):
-    return wait_for(lambda: device.state().link is DeviceLink.LIVE)
+    return until(lambda: device.state().link is DeviceLink.LIVE)
 
 
 def zeroed(device):
@@ -76,16 +67,14 @@ def drive(device, peer):
         push(peer, 0.0)
         live(device)
         push(peer, 6.0)
-        wait_for(
-            lambda: device.state().link is not DeviceLink.LIVE or device.state().axes[0] > 0.45
-        )
+        until(lambda: device.state().link is not DeviceLink.LIVE or device.state().axes[0] > 0.45)
         state = device.state()
         return state if state.link is DeviceLink.LIVE else None
 
-    state = wait_for(followed, 20.0)
+    state = until(followed)
     assert state.wrench.force.x == pytest.approx(6.0, abs=0.6)
     push(peer, 0.0)
-    wait_for(lambda: device.state().axes == REST and device.state().link is DeviceLink.LIVE)
+    until(lambda: device.state().axes == REST and device.state().link is DeviceLink.LIVE)
 
 
 @pytest.mark.real
@@ -119,7 +108,7 @@ def test_over_udp_multicast():
             probe.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             for junk in (b"", b"junk", b"\x81" * 200):
                 probe.sendto(junk, (GROUP, port))
-        wait_for(lambda: device.metrics()["garbled_frames"] >= 2)
+        until(lambda: device.metrics()["garbled_frames"] >= 2)
         live(device)
     # The multicast group returns the driver's own frames, which are not the board's.
     said = {int(name.removeprefix("can "), 16) - 33 for _, sent, name in recorded if not sent}
@@ -152,10 +141,10 @@ def test_zero_over_the_bus():
         assert zeroed(device)  # The call waits for the samples that it needs.
         live(device)
         push(peer, 4.0)
-        wait_for(lambda: (state := device.state()).wrench and state.wrench.force.x > 3.8)
-        wait_for(lambda: zeroed(device))
+        until(lambda: (state := device.state()).wrench and state.wrench.force.x > 3.8)
+        until(lambda: zeroed(device))
         live(device)
-        wait_for(lambda: (state := device.state()).wrench and abs(state.wrench.force.x) < 0.5)
+        until(lambda: (state := device.state()).wrench and abs(state.wrench.force.x) < 0.5)
 
 
 def test_a_power_failure_costs_the_zero():
@@ -169,9 +158,9 @@ def test_a_power_failure_costs_the_zero():
     with in_a_thread(peer), Jr3(Jr3Options(interface="virtual", channel=channel)) as device:
         live(device)
         boots = device.metrics()["boots"]
-        wait_for(lambda: device.metrics()["boots"] == boots + 1)
+        until(lambda: device.metrics()["boots"] == boots + 1)
         assert "zero is lost" in device.state().reason
-        wait_for(lambda: zeroed(device))
+        until(lambda: zeroed(device))
         live(device)
 
 
@@ -184,11 +173,11 @@ def test_a_server_that_goes_is_noticed_and_found_again():
         assert f"no socketcand at 127.0.0.1:{port}" in device.state().reason
         with in_a_thread(Jr3Peer(serve)):
             live(device)
-        wait_for(lambda: device.state().link is DeviceLink.LOST)
+        until(lambda: device.state().link is DeviceLink.LOST)
         with in_a_thread(Jr3Peer(serve)):
             # The new board cannot be recognized as the one whose zero was taken.
-            wait_for(lambda: "zero is lost" in device.state().reason)
-            wait_for(lambda: zeroed(device))
+            until(lambda: "zero is lost" in device.state().reason)
+            until(lambda: zeroed(device))
             live(device)
 
 
@@ -369,7 +358,7 @@ def test_socketcand_of_python_can_has_the_stream_that_is_watched():
             return True
         return False
 
-    wait_for(ended)
+    until(ended)
     opened.close()
 
 
