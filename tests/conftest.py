@@ -1,7 +1,9 @@
+import sys
 from pathlib import Path
 
 import pytest
 
+from cardan import cli
 from cardan.drivers import registry
 from tests.released import made_once
 
@@ -11,6 +13,22 @@ def fake_drivers(monkeypatch):
     """Make the drivers of fakes.py loadable by name."""
     for name, target in (("fake_device", "FakeDevice"), ("fake_robot", "FakeRobot")):
         monkeypatch.setitem(registry.BUILT_IN, name, f"tests.gateway.fakes:{target}")
+
+
+@pytest.fixture
+def cardan(monkeypatch, capsys):
+    """Run the command in this process; return its output."""
+
+    def run(*words, code=0):
+        monkeypatch.setattr(sys, "argv", ["cardan", *map(str, words)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        said = capsys.readouterr()
+        assert (ended.value.code or 0) == code, said
+        return said.out if code == 0 else said.err
+
+    return run
 
 
 @pytest.fixture(scope="session")

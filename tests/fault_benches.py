@@ -42,6 +42,7 @@ from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3
 from tests.drivers.motoros_bench import SessionBench as MotorosSessionBench
 from tests.drivers.ros2_bench import received
+from tests.drivers.tcp_bench import TcpBench
 from tests.drivers.ur_bench import SessionBench as UrSessionBench
 
 Array = np.ndarray
@@ -219,6 +220,11 @@ class Bench(ABC):
         """Let the robot report that commands do not act, although the controller obeys them."""
         self.bad = "somebody holds the arm"
 
+    def _jumped(self, joints: Sequence[float]) -> tuple[float, ...]:
+        """Return `joints` with the TCP moved by JUMP_M about the first axis."""
+        position = self.kinematics.forward(np.array(joints)).translation
+        return (joints[0] + JUMP_M / math.hypot(position[0], position[1]), *joints[1:])
+
     @property
     @abstractmethod
     def period_s(self) -> float:
@@ -357,11 +363,6 @@ class _Datagrams(Bench):
 
     @abstractmethod
     def _true_joints(self) -> Sequence[float]: ...
-
-    def _jumped(self, joints: Sequence[float]) -> tuple[float, ...]:
-        """Return `joints` with the TCP moved by JUMP_M about the first axis."""
-        position = self.kinematics.forward(np.array(joints)).translation
-        return (joints[0] + JUMP_M / math.hypot(position[0], position[1]), *joints[1:])
 
 
 class _Poll:
@@ -710,6 +711,49 @@ class _RosLink:
         pass
 
 
+# -- robots of several TCP connections ------------------------------------------------------------
+
+
+class _Connections(Bench):
+    """Robot at the end of a session's bench."""
+
+    session_bench: TcpBench
+    _driver: RobotDriver
+
+    @property
+    def driver(self) -> RobotDriver:
+        return self._driver
+
+    def ready(self) -> Bench:
+        self.session_bench.ready()
+        return self
+
+    def _turn(self, end_s: float) -> None:
+        self.session_bench.run(end_s - self.session_bench.now_s)
+        self.now_s = self.session_bench.now_s
+
+    def _world(self, until_s: float) -> None:
+        self.session_bench.stall(until_s - self.session_bench.now_s)
+
+    def close(self) -> None:
+        self.session_bench.session.leave(self.session_bench.now_s)
+
+    def kill(self) -> None:
+        super().kill()
+        session_bench = self.session_bench
+        for number in session_bench.numbers.values():
+            session_bench.servers.eof(number, session_bench.now_s)
+        session_bench.numbers.clear()
+
+    def _cut(self) -> None:
+        """Break all connections for both ends."""
+        for channel in tuple(self.session_bench.numbers):
+            self.session_bench.unplug(channel)
+
+    def hold(self) -> None:
+        self.session_bench.session.ask("disable", self.session_bench.now_s)
+
+
 # -- MotoROS --------------------------------------------------------------------------------------
 
 
@@ -725,7 +769,7 @@ class _WatchedMotoros(MotorosSessionBench):
         self._bench.watch()
 
 
-class MotorosBench(Bench):
+class MotorosBench(_Connections):
     """GP8 over MotoROS in velocity mode."""
 
     name = "MotoROS velocity"
@@ -751,10 +795,6 @@ class MotorosBench(Bench):
         self._driver = Motoros(MotorosOptions(mode=self.mode, robot=self.arm))  # type: ignore[arg-type]
 
     @property
-    def driver(self) -> RobotDriver:
-        return self._driver
-
-    @property
     def period_s(self) -> float:
         return self.IPC_S
 
@@ -768,23 +808,6 @@ class MotorosBench(Bench):
                 self._note(_START_S + n * self.IPC_S, joints)
             self._row = row
 
-    def ready(self) -> Bench:
-        self.session_bench.ready()
-        return self
-
-    def _turn(self, end_s: float) -> None:
-        self.session_bench.run(end_s - self.now_s)
-        self.now_s = self.session_bench.now_s
-
-    def _world(self, until_s: float) -> None:
-        session_bench = self.session_bench
-        while session_bench.now_s < until_s - 1e-9:
-            session_bench.now_s = min(session_bench.now_s + 1e-3, until_s)
-            session_bench.servers.advance(session_bench.now_s)
-            self.watch()
-        self.now_s = session_bench.now_s
-        session_bench.arrive()
-
     def _falsified(self, feedback: object) -> object:
         time_s = feedback.time + self.lied_s(self.now_s)  # type: ignore[attr-defined]
         feedback = feedback._replace(time=time_s)  # type: ignore[attr-defined]
@@ -793,34 +816,19 @@ class MotorosBench(Bench):
         pos = feedback.pos  # type: ignore[attr-defined]
         if self.bad == "nan":
             return feedback._replace(pos=(math.nan,) * 10)  # type: ignore[attr-defined]
-        place = self.kinematics.forward(np.array(pos[:6])).translation
-        turn = JUMP_M / math.hypot(place[0], place[1])
-        return feedback._replace(pos=(pos[0] + turn, *pos[1:]))  # type: ignore[attr-defined]
-
-    def close(self) -> None:
-        self.session_bench.session.leave(self.session_bench.now_s)
-
-    def kill(self) -> None:
-        super().kill()
-        session_bench = self.session_bench
-        for number in session_bench.numbers.values():
-            session_bench.servers.eof(number, session_bench.now_s)
+        jumped = (*self._jumped(pos[:6]), *pos[6:])
+        return feedback._replace(pos=jumped)  # type: ignore[attr-defined]
 
     def restart(self) -> None:
         """Break its connections; the controller is back at once, with the drives off."""
-        session_bench = self.session_bench
-        for channel in tuple(session_bench.numbers):
-            session_bench.unplug(channel)
-        session_bench.controller.servo(False, session_bench.now_s)
+        self._cut()
+        self.unpower()
 
     def unready(self) -> None:
         self.session_bench.controller.job_stop(self.session_bench.now_s)
 
     def unpower(self) -> None:
         self.session_bench.controller.servo(False, self.session_bench.now_s)
-
-    def hold(self) -> None:
-        self.session_bench.session.disable(self.session_bench.now_s)
 
 
 class MotorosStreamBench(MotorosBench):
@@ -847,7 +855,7 @@ class _WatchedUr(UrSessionBench):
         self._bench.watch()
 
 
-class UrBench(Bench):
+class UrBench(_Connections):
     """UR5e over RTDE at 250 Hz."""
 
     name = "UR"
@@ -867,10 +875,6 @@ class UrBench(Bench):
         self._driver = UrRtde(UrRtdeOptions(**given))  # type: ignore[arg-type]
 
     @property
-    def driver(self) -> RobotDriver:
-        return self._driver
-
-    @property
     def capabilities(self) -> RobotCapabilities:
         return self.session_bench.session.capabilities
 
@@ -885,40 +889,16 @@ class UrBench(Bench):
             self._note(time_s, joints)
         self._rows = len(trace)
 
-    def ready(self) -> Bench:
-        self.session_bench.ready()
-        return self
-
-    def _turn(self, end_s: float) -> None:
-        self.session_bench.run(end_s - self.session_bench.now_s)
-
-    def _world(self, until_s: float) -> None:
-        self.session_bench.stall(until_s - self.session_bench.now_s)
-
     def _falsified(self, name: str, value: Any) -> Any:
         if name == "timestamp":
             return value + self.lied_s(self.session_bench.now_s)
         if name != "actual_q" or self.bad not in ("nan", "jump"):
             return value
-        if self.bad == "nan":
-            return (math.nan,) * len(value)
-        place = self.kinematics.forward(np.array(value)).translation
-        return (value[0] + JUMP_M / math.hypot(place[0], place[1]), *value[1:])
-
-    def close(self) -> None:
-        self.session_bench.session.leave(self.session_bench.now_s)
-
-    def kill(self) -> None:
-        super().kill()
-        session_bench = self.session_bench
-        for number in session_bench.numbers.values():
-            session_bench.servers.eof(number, session_bench.now_s)
-        session_bench.numbers.clear()
+        return (math.nan,) * len(value) if self.bad == "nan" else self._jumped(value)
 
     def restart(self) -> None:
         """Break its connections; its program and registers are lost, and its power is off."""
-        for channel in tuple(self.session_bench.numbers):
-            self.session_bench.unplug(channel)
+        self._cut()
         self.session_bench.controller.restart()
 
     def unready(self) -> None:
@@ -926,9 +906,6 @@ class UrBench(Bench):
 
     def unpower(self) -> None:
         self.session_bench.controller.power_off()
-
-    def hold(self) -> None:
-        self.session_bench.session.ask("disable", self.session_bench.now_s)
 
 
 BENCHES: tuple[type[Bench], ...] = (

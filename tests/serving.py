@@ -66,6 +66,22 @@ def free_tcp_port() -> int:
 
 
 @contextmanager
+def session_on_the_network(
+    folder: Path, text: str = ARM_SESSION, more: str = "", seconds: int = 600
+) -> Iterator[str]:
+    """Run a session in its own process, with `more` at the end of its file; yield its endpoint."""
+    endpoint = free_endpoint()
+    path = folder / "session.toml"
+    path.write_text(text.format(endpoint=endpoint) + more)
+    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", str(seconds)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
+        try:
+            yield endpoint
+        finally:
+            session.terminate()
+
+
+@contextmanager
 def served(*arguments: str) -> Iterator[str]:
     """Serve ``cardan ARGUMENTS`` in its own process; yield the endpoint."""
     process = subprocess.Popen(

@@ -220,20 +220,12 @@ def test_short_pauses_of_this_computer_leave_no_distance(example, velocity_mode)
     hand.bench.ready()
     for _ in range(16):
         hand.bench.run(0.35)
-        pause(hand.bench, 0.03)
+        hand.bench.stall(0.03)
     hand.bench.run(1.5)
     before = hand.bench.controller.command_rad(0)
     hand.bench.run(4.0)
     assert hand.bench.controller.command_rad(0) == pytest.approx(before, abs=0.006)
     assert not any(hand.bench.controller.velocity_rad_s(0))
-
-
-def pause(bench, seconds):
-    """Stop this computer; the controller continues."""
-    end_s = bench.now_s + seconds
-    while bench.now_s < end_s:
-        bench.now_s += 1e-3
-        bench.servers.advance(bench.now_s)
 
 
 def test_an_arm_that_somebody_holds_is_noticed_and_not_pulled_at():

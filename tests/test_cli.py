@@ -3,7 +3,6 @@
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from cardan import __version__
+from tests.serving import free_udp_port
 from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
@@ -201,8 +201,9 @@ def test_a_peer_that_is_interrupted_cleans_up(tmp_path):
     assert not (tmp_path / "hid").exists()
 
 
-def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, free_udp_port):
+def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path):
     """``cardan run`` serves a controller that starts, stops and restarts."""
+    port = free_udp_port()
     program = tmp_path / "program.txt"
     program.write_text(
         # Enough time for the session to listen, even on a busy computer.
@@ -212,9 +213,9 @@ def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, fr
     config = tmp_path / "session.toml"
     config.write_text(
         f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{tmp_path}/hid"\n'
-        f'[robot]\ndriver = "abb_egm"\nlisten_port = {free_udp_port}\n'
+        f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n'
     )
-    to = f"127.0.0.1:{free_udp_port}"
+    to = f"127.0.0.1:{port}"
     with (
         Peer("spacemouse", "--hid", tmp_path / "hid", "--script", "rest"),
         Peer("abb-gofa", "--to", to, "--script", program) as robot,
@@ -224,13 +225,6 @@ def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, fr
     sessions = next(line for line in text.splitlines() if "robot sessions" in line)
     assert int("".join(filter(str.isdigit, sessions))) >= 3
     assert "no datagram for" in text
-
-
-@pytest.fixture
-def free_udp_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def test_check_takes_a_file_of_the_daemon(tmp_path):

@@ -1,13 +1,12 @@
 """Errors of commands: one line with exit code 2; broken parts leave the rest usable."""
 
 import dataclasses
-import sys
 from importlib.metadata import EntryPoint
 from typing import ClassVar
 
 import pytest
 
-from cardan import api, cli
+from cardan import api
 from cardan.drivers import registry
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.drivers.udev import udev_rules
@@ -106,22 +105,6 @@ def plugins(monkeypatch):
         (filter_registry, filters),
     ):
         monkeypatch.setattr(module.FINDER, "_installed", lambda found=found: found)
-
-
-@pytest.fixture
-def cardan(monkeypatch, capsys):
-    """Run the command in this process; return its output."""
-
-    def run(*words, code=0):
-        monkeypatch.setattr(sys, "argv", ["cardan", *map(str, words)])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        said = capsys.readouterr()
-        assert (ended.value.code or 0) == code, said
-        return said.out if code == 0 else said.err
-
-    return run
 
 
 @pytest.mark.usefixtures("plugins")

@@ -22,8 +22,6 @@ from tests.drivers import (
 )
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
 
-pytestmark = pytest.mark.matrix
-
 NEUTRAL_WITHIN_S = 0.1
 STEP_S = 0.002
 REST = (0.0,) * 6
@@ -38,6 +36,8 @@ class Subject:
     step_s = STEP_S
     within_s = NEUTRAL_WITHIN_S
     """Time limit from the last good report to the first neutral state."""
+    silent = ""
+    """Words of the reason after a silence; empty if the device then counts as lost."""
 
     def __init__(self):
         self.fault = ""
@@ -110,6 +110,7 @@ class Intercepted(Subject):
 
 class SpaceMouse(Intercepted):
     name = "SpaceMouse, HID"
+    silent = "no motion report for 0.09 s"
 
     def make(self):
         bench = SpaceMouseBench(model_by_key("spacenavigator"))
@@ -158,6 +159,7 @@ class Spnav(Intercepted):
     """The daemon does not report which devices are serial: the time limits are theirs."""
 
     name = "spacenavd's socket"
+    silent = "no motion for 0.1 s"
     method = "on_bytes"
     within_s = spnav.USUAL_STALE_AFTER_S + STEP_S
     cut = False
@@ -242,6 +244,7 @@ class Keyboard(Gamepad):
 
 class SpacenavNode(Subject):
     name = "spacenav_node, Zenoh"
+    silent = "no message for 0.1 s"
     node = "spacenav"
 
     def __init__(self):
@@ -263,6 +266,7 @@ class JoyNode(SpacenavNode):
     """20 messages per second: four missing ones count as silence."""
 
     name = "joy_node, Zenoh"
+    silent = "no message for 0.2 s"
     node = "joy_node"
     within_s = 0.2 + STEP_S
 
@@ -271,6 +275,7 @@ class PhonePage(Subject):
     """60 frames per second; the newest one counts for 0.15 s after its creation."""
 
     name = "phone, page"
+    silent = "no frame for 150 ms"
     kind = "phone"
     within_s = 0.15 + STEP_S
 
@@ -355,8 +360,13 @@ def check_neutral_in_time_and_only_neutral_leads_back(kind, fault):
     for _ in range(100):
         subject.run(0.01)
         assert not subject.acts
-    assert subject.state.link is not DeviceLink.LIVE
-    assert subject.state.reason
+    state = subject.state
+    assert state.link is not DeviceLink.LIVE
+    assert state.reason
+    assert state.link is DeviceLink.LOST or fault != "unplugged"
+    if fault == "silence" and subject.silent:
+        assert state.link is DeviceLink.STALE
+        assert subject.silent in state.reason
     subject.fault = ""
     if fault == "unplugged":
         subject.replug()
@@ -365,9 +375,12 @@ def check_neutral_in_time_and_only_neutral_leads_back(kind, fault):
         state = subject.state
         assert not any(state.axes)
         assert not state.buttons
+    assert state.link is DeviceLink.NEEDS_NEUTRAL
     subject.let_go()
     subject.run(0.5)
     assert not any(subject.state.axes)
+    subject.deflect()
+    assert subject.acts
 
 
 def table(subjects=SUBJECTS):

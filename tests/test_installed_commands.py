@@ -1,12 +1,10 @@
 """Commands of other packages, through entry points of the group ``cardan.commands``."""
 
-import sys
 from importlib.metadata import EntryPoint
 
 import pytest
 import typer
 
-from cardan import cli
 from cardan.cli import installed
 from cardan.errors import ExtraMissingError
 
@@ -44,22 +42,6 @@ def others(monkeypatch):
     name of a command of Cardan."""
     points = [EntryPoint(name, target, "cardan.commands") for name, target in POINTS.items()]
     monkeypatch.setattr(installed, "entry_points", lambda group: points)
-
-
-@pytest.fixture
-def cardan(monkeypatch, capsys):
-    """Run the command in this process; return its output."""
-
-    def run(*words, code=0):
-        monkeypatch.setattr(sys, "argv", ["cardan", *words])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        said = capsys.readouterr()
-        assert (ended.value.code or 0) == code, said
-        return said.out if code == 0 else said.err
-
-    return run
 
 
 @pytest.mark.parametrize(

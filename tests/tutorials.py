@@ -27,6 +27,7 @@ from scapy.utils import wrpcap
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 from tests.released import ROOT, clean_environment, run
 from tests.serving import free_tcp_port, free_udp_port
+from tests.waiting import until
 
 FOLDER = ROOT / "docs" / "tutorials"
 PAGES = sorted(FOLDER.glob("*.md"))
@@ -203,10 +204,7 @@ def wait_for(port: int, process: subprocess.Popen[str]) -> None:
 
 def wait_until_free(port: int) -> None:
     """Wait until no process listens at that TCP port, which another test may have."""
-    end_s = time.monotonic() + LONGEST_S
-    while listens(port):
-        assert time.monotonic() < end_s, f"port {port} stays in use"
-        time.sleep(0.05)
+    until(lambda: not listens(port), f"the release of port {port}", LONGEST_S)
 
 
 def listens(port: int) -> bool:

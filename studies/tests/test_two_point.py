@@ -15,6 +15,7 @@ from tests.conform.test_motoros_driver import (
 from tests.drivers import test_motoros_session as driver_session
 from tests.drivers.motoros_bench import SessionBench
 from tests.drivers.test_motoros_streaming import HOME, LIMITS, Bench, moved
+from tests.test_motoros_faults import AT_ONCE, assert_rests_until_enabled_anew
 
 
 def at_goal(bench):
@@ -84,18 +85,10 @@ def test_the_time_of_a_move_keeps_speed_and_acceleration():
         driver_session.test_unanswered_states_are_holds,
         *(
             functools.partial(
-                driver_session.test_a_hand_on_the_pendant_ends_motion_until_it_is_enabled_again,
-                words=words,
-            )
-            for words in driver_session.HANDS
-        ),
-        *(
-            functools.partial(
                 driver_session.test_how_bytes_are_cut_makes_no_difference, fault=fault
             )
             for fault in ({"split": 1.0}, {"merge": 1.0}, {"strict-recv": 1.0})
         ),
-        driver_session.test_a_robot_slowed_by_its_safety_unit_goes_on,
         driver_session.test_braking_that_nobody_answers_ends_all_the_same,
         driver_session.test_leaving_ends_at_rest_and_in_time,
     ],
@@ -103,6 +96,28 @@ def test_the_time_of_a_move_keeps_speed_and_acceleration():
 def test_its_session_does_what_the_drivers_does(test, monkeypatch):
     monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
     test(mode="stream")
+
+
+@pytest.mark.parametrize("event", AT_ONCE)
+def test_what_the_controller_stops_for(event, monkeypatch):
+    monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
+    act, words = AT_ONCE[event]
+    run = driver_session.turning(driver_session.bench("stream").ready()).run(0.5)
+    act(run.controller, run.now_s)
+    run.run(0.06)
+    assert not run.session.control.enabled
+    run.run(0.3)
+    assert words in run.states[-1].hold_reason
+    assert_rests_until_enabled_anew(run)
+
+
+def test_a_robot_slowed_by_its_safety_unit_goes_on(monkeypatch):
+    monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
+    run = driver_session.bench("stream", faults={"fsu": 0.02}).ready()
+    driver_session.turning(run, 1.0).run(1.0)
+    assert run.session.control.enabled
+    fastest = max(speed for _, speed in driver_session.commanded_speeds(run, 0.04))
+    assert fastest == pytest.approx(0.02 * run.peer_options.axis_speeds[0], rel=0.1)
 
 
 @pytest.mark.parametrize("times", [1, 3, 1000])

@@ -3,7 +3,6 @@
 import socket
 import subprocess
 import sys
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -23,7 +22,7 @@ from cardan.cli.bus import bus_options
 from cardan.errors import ConfigurationError
 from cardan.gateway.session.subprocesses import cardan_subprocess
 from tests.serving import free_endpoint
-from tests.waiting import WITHIN_S
+from tests.waiting import until
 
 
 @pytest.mark.parametrize(
@@ -184,16 +183,9 @@ def test_a_router_ends_with_the_process_that_has_started_it():
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", program], **pipes) as process:
         assert int(process.stdout.readline()) > 0
-        _until(lambda: is_served(address))
+        until(lambda: is_served(address))
         process.kill()
-    _until(lambda: not is_served(address))
-
-
-def _until(condition):
-    end_s = time.monotonic() + WITHIN_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+    until(lambda: not is_served(address))
 
 
 def test_running_routers_are_found_and_those_that_were_killed_are_not(monkeypatch, tmp_path):

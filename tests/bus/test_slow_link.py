@@ -16,6 +16,7 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.protocols.ros2.cdr import codec_of
+from tests.serving import free_tcp_port
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -67,20 +68,14 @@ def slow_link(port):
             end.close()
 
 
-@pytest.fixture
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def test_an_answer_waits_for_few_bytes_of_the_pictures_that_fill_its_link(free_port):
-    here = BusOptions(router="", listen=(f"tcp/127.0.0.1:{free_port}",))
+def test_an_answer_waits_for_few_bytes_of_the_pictures_that_fill_its_link():
+    own_port = free_tcp_port()
+    here = BusOptions(router="", listen=(f"tcp/127.0.0.1:{own_port}",))
     codec = codec_of(IMAGE)
     pictures = []
     with (
         BusNetwork(here, "page") as page,
-        slow_link(free_port) as port,
+        slow_link(own_port) as port,
         BusNetwork(BusOptions(router=f"tcp/127.0.0.1:{port}", mode="client"), "robot") as robot,
     ):
         retained = [

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import json
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ from typing import NamedTuple
 from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.page_input import RELOADED, keeps
 from tests.console.robot_and_server import ServerProcess, console_server
-from tests.serving import ARM_SESSION, free_endpoint
+from tests.serving import ARM_SESSION, session_on_the_network
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 
@@ -82,17 +81,12 @@ Means = list[list[float]]
 @contextmanager
 def still_arm(folder: Path) -> Iterator[ServerProcess]:
     """The console server with an arm that stays at its initial pose."""
-    endpoint = free_endpoint()
-    path = folder / "session.toml"
-    text = ARM_SESSION.format(endpoint=endpoint)
-    path.write_text(text.replace("period_s = 0.008", "period_s = 0.02"))
-    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "3000"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
-        try:
-            with console_server(endpoint) as server:
-                yield server
-        finally:
-            session.terminate()
+    text = ARM_SESSION.replace("period_s = 0.008", "period_s = 0.02")
+    with (
+        session_on_the_network(folder, text, seconds=3000) as endpoint,
+        console_server(endpoint) as server,
+    ):
+        yield server
 
 
 @contextmanager

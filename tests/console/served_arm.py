@@ -4,8 +4,6 @@ the page that also use the network."""
 from __future__ import annotations
 
 import contextlib
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +14,8 @@ from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.gateway.servers.console.site import Site
 from cardan.protocols.ros2.cdr import codec_of
 from tests.gateway.servers.bench import WAIT_S, served
-from tests.serving import ARM_SESSION, free_endpoint
+from tests.serving import ARM_SESSION, session_on_the_network
+from tests.waiting import until
 
 ARM = "/left/arm"
 STATUS = "cardan_msgs/msg/ArmStatus"
@@ -32,22 +31,14 @@ def served_arm(
 ) -> Iterator[tuple[BusNetwork, str]]:
     """Network of a running session, with `more` in its file and this model of the arm, and the
     address of the page."""
-    endpoint = free_endpoint()
-    path = folder / "session.toml"
-    text = ARM_SESSION.format(endpoint=endpoint).replace('model = "ur5"', f'model = "{model}"')
-    path.write_text(text + more)
-    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "600"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
-        try:
-            joins = BusOptions(router=endpoint)
-            options = ConsoleOptions(port=0, records=str(folder / "records"))
-            with BusNetwork(joins, "console") as network:
-                assert network.wait_for_service(f"{ARM}/ask", WAIT_S)
-                with served(lambda: ConsoleServer(network, options, site, joins)) as running:
-                    yield network, f"http://127.0.0.1:{running.port}/"
-        finally:
-            session.terminate()
-            session.wait(WAIT_S)
+    text = ARM_SESSION.replace('model = "ur5"', f'model = "{model}"')
+    options = ConsoleOptions(port=0, records=str(folder / "records"))
+    with session_on_the_network(folder, text, more) as endpoint:
+        joins = BusOptions(router=endpoint)
+        with BusNetwork(joins, "console") as network:
+            assert network.wait_for_service(f"{ARM}/ask", WAIT_S)
+            with served(lambda: ConsoleServer(network, options, site, joins)) as running:
+                yield network, f"http://127.0.0.1:{running.port}/"
 
 
 @contextlib.contextmanager
@@ -65,10 +56,7 @@ def motion_of(network: BusNetwork) -> Iterator[Callable[[], bool]]:
 
 def stops(moving: Callable[[], bool]) -> None:
     """Wait until the arm rests, and check that it stays at rest."""
-    end_s = time.monotonic() + STOPPED_S
-    while moving():
-        assert time.monotonic() < end_s, "the arm does not stop"
-        time.sleep(0.02)
+    until(lambda: not moving(), "the arm's stop", STOPPED_S)
     end_s = time.monotonic() + 0.5
     while time.monotonic() < end_s:
         assert not moving()

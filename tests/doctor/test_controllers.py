@@ -1,5 +1,6 @@
 """Controllers: the doctor listens or connects to them, and never commands them."""
 
+import contextlib
 import errno
 import socket
 import threading
@@ -23,6 +24,7 @@ from cardan.drivers.ur_rtde import UrRtde
 from cardan.protocols.ur.dashboard import GREETING
 from cardan.protocols.ur.rtde import PacketType, reply_accepted, text
 from tests.doctor.levels_and_codes import levels_and_codes
+from tests.serving import free_udp_port
 
 EGM = Endpoint("udp", "192.168.125.99", 6510, True, "192.168.125.1")
 STATE = Endpoint("tcp", "192.168.255.1", 50241)
@@ -86,59 +88,47 @@ def udp():
     return sock
 
 
-def free_port():
+@contextlib.contextmanager
+def sending(data, port):
+    """Yield a socket that sends the same datagram every 10 ms."""
+    stop = threading.Event()
     with udp() as sock:
-        return sock.getsockname()[1]
+
+        def send():
+            while not stop.wait(0.01):
+                sock.sendto(data, ("127.0.0.1", port))
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        try:
+            yield sock
+        finally:
+            stop.set()
+            thread.join()
 
 
 @pytest.mark.real
 def test_a_controller_that_sends_is_heard_and_not_answered():
-    endpoint = Endpoint("udp", "127.0.0.1", free_port(), True)
-    stop = threading.Event()
-    with udp() as controller:
+    endpoint = Endpoint("udp", "127.0.0.1", free_udp_port(), True)
+    with sending(b"state", endpoint.port) as controller:
         controller.setblocking(False)
-
-        def send():
-            while not stop.wait(0.01):
-                controller.sendto(b"state", ("127.0.0.1", endpoint.port))
-
-        sending = threading.Thread(target=send)
-        sending.start()
-        try:
-            heard = listen([endpoint], 20.0)
-        finally:
-            stop.set()
-            sending.join()
-        assert heard == {endpoint: Heard(("127.0.0.1",))}
+        assert listen([endpoint], 20.0) == {endpoint: Heard(("127.0.0.1",))}
         with pytest.raises(BlockingIOError):
             controller.recv(100)
 
 
 @pytest.mark.matrix
 def test_datagrams_of_another_protocol_are_no_controller():
-    (endpoint,) = AbbEgm(listen_host="127.0.0.1", listen_port=free_port()).endpoints()
-    stop = threading.Event()
-    with udp() as other:
-
-        def send():
-            while not stop.wait(0.01):
-                other.sendto(b"GET / HTTP/1.1", ("127.0.0.1", endpoint.port))
-
-        sending = threading.Thread(target=send)
-        sending.start()
-        try:
-            heard = listen([endpoint], 2.0)
-        finally:
-            stop.set()
-            sending.join()
-    assert heard == {endpoint: Heard(said=b"GET / HTTP/1.1")}
+    (endpoint,) = AbbEgm(listen_host="127.0.0.1", listen_port=free_udp_port()).endpoints()
+    with sending(b"GET / HTTP/1.1", endpoint.port):
+        assert listen([endpoint], 2.0) == {endpoint: Heard(said=b"GET / HTTP/1.1")}
 
 
 @pytest.mark.matrix
 def test_silence_and_ports_that_cannot_be_had():
     with udp() as other:
         port = other.getsockname()[1]
-        quiet = Endpoint("udp", "127.0.0.1", free_port(), True)
+        quiet = Endpoint("udp", "127.0.0.1", free_udp_port(), True)
         taken = Endpoint("udp", "127.0.0.1", port, True)
         foreign = Endpoint("udp", "192.0.2.1", port, True)
         unnamed = Endpoint("udp", "no host of this name", port, True)

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 
-from cardan.bus.node import Received
 from cardan.drivers.ros2_arm import Ros2Arm
 from cardan.drivers.ros2_arm.session import STATE_TYPE
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
-from cardan.protocols.ros2.names import dds_type
-from cardan.protocols.ros2.zenoh import Attachment
 from cardan.sim_peers.arm.plant import ArmPlant
 from cardan.sim_peers.link import FaultyLink
 from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
+from tests.drivers.bus_device_bench import key_of, message
 
 STEP_S = 0.002
 """Step of the simulated arm."""
 
-KEY = f"0/joint_states/{dds_type(STATE_TYPE)}/RIHS01_0"
-
-
-def received(data, sequence=1, sender=1, key=KEY):
-    """Return a message in the bus's form."""
-    return Received(data, key, Attachment(sequence, 0, bytes([sender]) * 16))
+KEY = key_of("joint_states", STATE_TYPE)
+received = functools.partial(message, key=KEY)
 
 
 def joint_states(names, position, velocity=(), effort=(), stamp_s=1.0):
@@ -53,8 +48,6 @@ class Wire:
         self.core.plant = ArmPlant(self.core.arm, coarse)
         self.to_pc, self.to_robot = FaultyLink(faults, 2), FaultyLink(faults, 3)
         self.now_s = 0.0
-        self.killed = False
-        """True once the gateway's process is dead."""
         self.sent = []
         self.path = []
         self.ready = []
@@ -63,9 +56,8 @@ class Wire:
         return self.now_s
 
     def send(self, data):
-        if not self.killed:
-            self.sent.append((self.now_s, data))
-            self.to_robot.push(self.now_s, data)
+        self.sent.append((self.now_s, data))
+        self.to_robot.push(self.now_s, data)
 
     def wait(self):
         until_s = self.now_s + 0.1

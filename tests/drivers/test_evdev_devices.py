@@ -22,18 +22,9 @@ from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions, SimulatedInput
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.drivers.evdev_bench import BY_KEY
 from tests.serving import in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
-
-DEADLINE_S = 5.0
-
-
-def wait_for(condition, what):
-    end_s = time.monotonic() + DEADLINE_S
-    while not (value := condition()):
-        assert time.monotonic() < end_s, what
-        time.sleep(0.002)
-    return value
 
 
 # ---------------------------------------------------------------------------------------------
@@ -173,10 +164,10 @@ def test_a_pad_read_from_a_node(kernel):
     fake = kernel("xbox-360")
     with Gamepad(GamepadOptions(path=fake.path)) as pad:
         fake.tap("start")
-        wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not live")
+        until(lambda: pad.state().link is DeviceLink.LIVE, "not live")
         fake.device.set_controls((0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
         fake.run(0.02)
-        wait_for(lambda: pad.state().axes[0] == 1.0, "not deflected")
+        until(lambda: pad.state().axes[0] == 1.0, "not deflected")
         assert pad.diagnosis() == ()
     assert pad.state().link is DeviceLink.CLOSED
     assert requests.EVIOCGRAB not in fake.requests
@@ -188,17 +179,17 @@ def test_a_keyboard_is_grabbed_only_while_no_key_is_down(kernel):
     fake.run(0.02)
     os.read(fake.writer, 1000)
     with Keyboard(KeyboardOptions(path=fake.path, grab=True)) as keyboard:
-        wait_for(lambda: keyboard.metrics()["checked_age_s"] < 1.0, "not read")
+        until(lambda: keyboard.metrics()["checked_age_s"] < 1.0, "not read")
         assert fake.device.grabbed_by is None
         fake.device.release("enter")
         fake.run(0.02)
-        wait_for(lambda: fake.device.grabbed_by, "not grabbed")
+        until(lambda: fake.device.grabbed_by, "not grabbed")
         fake.device.press("esc")
         fake.run(0.02)
-        wait_for(lambda: not fake.device.grabbed_by, "not given back")
+        until(lambda: not fake.device.grabbed_by, "not given back")
         fake.device.release("esc")
         fake.tap("f12")
-        wait_for(lambda: fake.device.grabbed_by, "not taken again")
+        until(lambda: fake.device.grabbed_by, "not taken again")
     assert fake.device.grabbed_by is None
 
 
@@ -206,7 +197,7 @@ def test_a_keyboard_that_another_program_has_grabbed(kernel):
     fake = kernel("keyboard")
     fake.device.grabbed_by = "another"
     with Keyboard(KeyboardOptions(path=fake.path, grab=True)) as keyboard:
-        wait_for(lambda: "another program has grabbed" in str(keyboard.diagnosis()), "not said")
+        until(lambda: "another program has grabbed" in str(keyboard.diagnosis()), "not said")
     assert fake.device.grabbed_by == "another"
 
 
@@ -229,15 +220,15 @@ def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
     monkeypatch.setattr(shell, "kernel_driver", lambda path: nodes.kernel_driver(path, tmp_path))
     with Gamepad(GamepadOptions(path=fake.path)) as pad:
         fake.tap("start")
-        wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not live")
+        until(lambda: pad.state().link is DeviceLink.LIVE, "not live")
         for label in ("north", "west"):
             fake.device.press(label)
             fake.run(0.02)
-            wait_for(lambda: pad.state().buttons, "not pressed")
+            until(lambda: pad.state().buttons, "not pressed")
             assert pad.state().buttons == {label}
             fake.device.release(label)
             fake.run(0.02)
-            wait_for(lambda: not pad.state().buttons, "not released")
+            until(lambda: not pad.state().buttons, "not released")
 
 
 # -- devices that only resemble gamepads
@@ -388,7 +379,7 @@ def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypat
     with pad:
         assert pad.state().link is DeviceLink.NEEDS_NEUTRAL
         plugs.models["/dev/input/event3"] = second  # the node's number is reused
-        wait_for(
+        until(
             lambda: (
                 f"{first.name} is not plugged in" in pad.state().reason
                 and second.name in pad.state().reason
@@ -400,7 +391,7 @@ def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypat
             plugs.models[path] = first
         else:
             plugs.models["/dev/input/event9"] = first
-        wait_for(lambda: pad.state().link is DeviceLink.NEEDS_NEUTRAL, "not picked up again")
+        until(lambda: pad.state().link is DeviceLink.NEEDS_NEUTRAL, "not picked up again")
         assert pad._core.description.name == first.name
     plugs.models = {"/dev/input/event3": second}
     with pad:  # a new session opens the present devices
@@ -444,7 +435,7 @@ def test_a_pad_over_its_socket(tmp_path, model):
         1.00 loop
     """
     with in_a_thread(peer(tmp_path, script=script, model=model)), gamepad(tmp_path) as pad:
-        state = wait_for(lambda: any((s := pad.state()).axes) and s, "not deflected")
+        state = until(lambda: any((s := pad.state()).axes) and s, "not deflected")
         assert state.axes[0] > 0.9
         assert {"west", "left-shoulder"} <= set(pad.capabilities.buttons)
         edges = []
@@ -453,7 +444,7 @@ def test_a_pad_over_its_socket(tmp_path, model):
             edges.extend(e.pressed for e in pad.button_events() if e.button == "left-shoulder")
             return len(edges) > 1
 
-        wait_for(both_ways, "no edges")
+        until(both_ways, "no edges")
         assert edges[:2] == [True, False]
         assert (pad.metrics()["garbled"], pad.metrics()["dropped"]) == (0, 0)
 
@@ -475,9 +466,9 @@ def test_a_keyboard_over_its_socket(tmp_path):
             state = keyboard.state()
             return state.axes[5] == 1.0 and state.buttons == {"space"}
 
-        wait_for(yaws_while_held, "no full yaw with the dead-man held")
+        until(yaws_while_held, "no full yaw with the dead-man held")
         assert served.device.grabbed_by is not None
-        wait_for(lambda: not any(keyboard.state().axes), "not let go")
+        until(lambda: not any(keyboard.state().axes), "not let go")
 
 
 @pytest.mark.judged(device="Gamepad", transport="socket", by="simulated peer")
@@ -489,18 +480,18 @@ def test_rumble_goes_on_and_ends_with_the_driver(tmp_path):
 
         assert pad.capabilities.feedback == {"rumble"}
         pad.feedback(DeviceFeedback(rumble=0.5))
-        wait_for(lambda: turns() == pytest.approx((0.5, 0.5), abs=1e-4), "does not rumble")
+        until(lambda: turns() == pytest.approx((0.5, 0.5), abs=1e-4), "does not rumble")
         pad.feedback(DeviceFeedback(rumble=1.0))
-        wait_for(lambda: turns() == (1.0, 1.0), "not harder")
+        until(lambda: turns() == (1.0, 1.0), "not harder")
         end_s = time.monotonic() + 0.6  # longer than the effect's duration
-        wait_for(lambda: time.monotonic() > end_s, "time stands still")
-        wait_for(lambda: turns() == (1.0, 1.0), "ended by itself")
+        until(lambda: time.monotonic() > end_s, "time stands still")
+        until(lambda: turns() == (1.0, 1.0), "ended by itself")
         pad.feedback(DeviceFeedback(rumble=0.0))
-        wait_for(lambda: turns() == (0.0, 0.0), "does not stop")
+        until(lambda: turns() == (0.0, 0.0), "does not stop")
         pad.feedback(DeviceFeedback(rumble=1.0))
-        wait_for(lambda: turns() == (1.0, 1.0), "does not rumble again")
+        until(lambda: turns() == (1.0, 1.0), "does not rumble again")
         pad.close()
-        wait_for(lambda: turns() == (0.0, 0.0), "rumbles on after close")
+        until(lambda: turns() == (0.0, 0.0), "rumbles on after close")
         with pytest.raises(NotOpenError):
             pad.feedback(DeviceFeedback(rumble=1.0))
 
@@ -511,7 +502,7 @@ def test_a_pad_that_refuses_effects(tmp_path):
         gamepad(tmp_path) as pad,
     ):
         pad.feedback(DeviceFeedback(rumble=1.0))
-        wait_for(
+        until(
             lambda: "rumble commands that the gamepad refused" in str(pad.diagnosis()), "not said"
         )
         with pytest.raises(CommandError, match="no led feedback"):
@@ -525,8 +516,8 @@ def test_unplugged_and_back(tmp_path):
     script = f"0.0 hold start for 0.03\n0.1 swing 0 0.9 0 0 over 0.3 times 4\n{touches}"
     faults = {"unplug": 1.0, "replug": 1.4}
     with in_a_thread(peer(tmp_path, script=script, faults=faults)), gamepad(tmp_path) as pad:
-        wait_for(lambda: any(pad.state().axes), "not deflected")
-        state = wait_for(lambda: (s := pad.state()).link is DeviceLink.LOST and s, "not lost")
+        until(lambda: any(pad.state().axes), "not deflected")
+        state = until(lambda: (s := pad.state()).link is DeviceLink.LOST and s, "not lost")
         assert not any(state.axes)
         assert "unplugged" in state.reason
 
@@ -535,7 +526,7 @@ def test_unplugged_and_back(tmp_path):
             assert not any(state.axes), "moves without having been at rest"
             return state.link is DeviceLink.LIVE
 
-        wait_for(moves_or_lives, "not back")
+        until(moves_or_lives, "not back")
 
 
 @pytest.mark.parametrize("kind", ["gamepad", "keyboard"])
@@ -547,14 +538,14 @@ def test_a_simulated_device_that_hangs_is_neutral_until_it_was_let_go(tmp_path, 
         script = "0.0 hold enter for 0.03\n0.1 hold a for 60"
         device = Keyboard(KeyboardOptions(transport="socket", path=str(tmp_path / "s"), ramp_s=0.0))
     with in_a_thread(peer(tmp_path, kind=kind, script=script)) as served, device:
-        wait_for(lambda: any(device.state().axes), "not deflected")
+        until(lambda: any(device.state().axes), "not deflected")
         served.step = lambda until_s: time.sleep(0.002)
-        wait_for(lambda: not any(device.state().axes), "not neutral")
+        until(lambda: not any(device.state().axes), "not neutral")
         state = device.state()
         assert state.link is DeviceLink.STALE
         assert "hangs" in state.reason
         del served.step
-        wait_for(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL, "not heard again")
+        until(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL, "not heard again")
         assert not any(device.state().axes)
         assert device.metrics()["garbled"] == 0
 
@@ -629,10 +620,10 @@ def test_mangled_packets_are_counted_and_survived(tmp_path, fault):
         in_a_thread(peer(tmp_path, script=script, faults={fault: 20.0})) as served,
         gamepad(tmp_path) as pad,
     ):
-        wait_for(lambda: pad.metrics()[counter] >= 3, "not counted")
+        until(lambda: pad.metrics()[counter] >= 3, "not counted")
         assert served.device.plugged
         assert pad.state().link is not DeviceLink.LOST
-        wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not live again")
+        until(lambda: pad.state().link is DeviceLink.LIVE, "not live again")
 
 
 def test_nobody_serves_the_socket(tmp_path):
@@ -642,4 +633,4 @@ def test_nobody_serves_the_socket(tmp_path):
         assert pad.state().link is DeviceLink.LOST
         script = "0.0 hold start for 0.05"
         with in_a_thread(peer(tmp_path, script=script)):
-            wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not picked up")
+            until(lambda: pad.state().link is DeviceLink.LIVE, "not picked up")

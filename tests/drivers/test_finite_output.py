@@ -20,8 +20,6 @@ from cardan.protocols.egm.decode import decode_from_pc
 from cardan.protocols.egm.messages import MalformedEgmMessage
 from cardan.protocols.joint_stream.codec import (
     ArmCommand,
-    ArmState,
-    ControlMode as ArmMode,
     decode_command,
     encode_state,
 )
@@ -43,6 +41,7 @@ from cardan.types import (
 )
 from tests.drivers.motoros_bench import SessionBench
 from tests.drivers.test_egm_session import Bench
+from tests.drivers.test_sim_arm import STATE
 from tests.examples import examples
 from tests.ranges import drawn
 
@@ -256,20 +255,6 @@ def test_motoros_messages_are_finite(mode, limits, tuples, asked):
 
 
 # -- the simulated arm's ---------------------------------------------------------------------------
-
-STATE = ArmState(
-    session=5,
-    sequence=1,
-    stamp_s=1.0,
-    mode=ArmMode.HOLD,
-    acknowledged=0,
-    period_s=0.002,
-    positions=(0.0,) * 6,
-    velocities=(0.0,) * 6,
-    torques=(0.0,) * 6,
-    pose=(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-    wrench=(0.0,) * 6,
-)
 
 
 @settings(**SLOW_AND_FAST)

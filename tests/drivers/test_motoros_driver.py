@@ -14,7 +14,7 @@ from cardan.errors import AddressError, CommandError, NotOpenError
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
 from tests.serving import in_a_thread
-from tests.waiting import WITHIN_S
+from tests.waiting import WITHIN_S, until
 
 pytestmark = pytest.mark.matrix
 
@@ -22,13 +22,10 @@ PATIENCE_S = WITHIN_S
 TURN = JointVelocityCommand((0.4, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-@contextlib.contextmanager
 def controller(**options):
     """Simulated controller, served by a thread."""
     options.setdefault("servo_on", True)
-    peer = MotorosControllerPeer(MotorosControllerOptions(base_port=0, **options))
-    with in_a_thread(peer):
-        yield peer
+    return in_a_thread(MotorosControllerPeer(MotorosControllerOptions(base_port=0, **options)))
 
 
 def driver(peer, **options):
@@ -89,10 +86,7 @@ def test_it_connects_is_enabled_moves_and_leaves_the_robot_at_rest(mode):
         assert robot.enabled
         states.close()  # brakes; the controller may still have a few points to execute
         assert not robot.enabled
-        end_s = time.monotonic() + PATIENCE_S
-        while abs(peer.controller.velocity_rad_s(0)[0]) > 1e-3:
-            assert time.monotonic() < end_s, peer.controller.velocity_rad_s(0)
-            time.sleep(0.004)
+        until(lambda: abs(peer.controller.velocity_rad_s(0)[0]) <= 1e-3, "rest")
         assert peer.servers.counters.pipelined == 0
         assert peer.servers.counters.pieces == 0
         metrics = robot.metrics()

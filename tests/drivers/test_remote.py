@@ -115,6 +115,14 @@ def test_a_press_whose_edge_is_taken_after_its_state_counts(seconds):
     assert bench.count("old_presses") == 0
 
 
+def assert_a_new_press_counts(bench):
+    bench.press(pressed=False)
+    bench.run(0.1)
+    bench.press()
+    bench.run(0.1)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, {"hold"})
+
+
 @pytest.mark.parametrize("stall_s", [0.3, 0.6, 5.0])
 @PLAYOUTS
 def test_after_a_stall_nothing_is_caught_up(stall_s, playout_ms):
@@ -135,11 +143,7 @@ def test_after_a_stall_nothing_is_caught_up(stall_s, playout_ms):
     bench.move(0.0)
     bench.run(0.2)
     assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, frozenset())
-    bench.press(pressed=False)
-    bench.run(0.2)
-    bench.press()
-    bench.run(0.2)
-    assert bench.state.buttons == {"hold"}
+    assert_a_new_press_counts(bench)
 
 
 @pytest.mark.parametrize("still_s", [0.3, 0.9, 3.0])
@@ -166,11 +170,7 @@ def test_what_was_done_while_the_sharing_process_stood_still_counts_for_nothing(
     assert any("stalled for" in state.reason for state in seen)
     assert (bench.state.link, bench.count("missed_edges")) == (DeviceLink.NEEDS_NEUTRAL, 0)
     bench.move(0.0)
-    bench.press(pressed=False)
-    bench.run(0.1)
-    bench.press()
-    bench.run(0.1)
-    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, {"hold"})
+    assert_a_new_press_counts(bench)
 
 
 def sent_while(bench, seconds, each=lambda: None):
@@ -346,11 +346,7 @@ def test_no_clock_that_goes_back_makes_a_press_younger(lie_s):
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
     bench.run(1.0)
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
-    bench.press(pressed=False)
-    bench.run(0.1)
-    bench.press()
-    bench.run(0.1)
-    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, {"hold"})
+    assert_a_new_press_counts(bench)
 
 
 @pytest.mark.parametrize("lie_s", [0.0, 0.06, 0.08, 0.095])
@@ -587,11 +583,7 @@ def test_a_lease_that_is_not_renewed_ends_and_is_had_again():
     bench.up.cut = False
     bench.run(0.5)
     assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, frozenset())
-    bench.press(pressed=False)
-    bench.run(0.1)
-    bench.press()
-    bench.run(0.1)
-    assert bench.state.buttons == {"hold"}
+    assert_a_new_press_counts(bench)
 
 
 def test_claims_of_a_stranger_under_the_same_number_count_for_nothing():

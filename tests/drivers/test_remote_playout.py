@@ -33,7 +33,6 @@ class Network(NamedTuple):
     stalls_every_s: float = math.inf
     """Period of the stalls."""
     drift: float = 1e-4
-    stamp_noise_s: float = 0.0
 
 
 WIFI = Network(Link(0.0, 0.013, loss=0.01), 0.03)  # 5 ± 8 ms, but at least 0

@@ -683,13 +683,6 @@ def test_a_silence_is_not_made_up_for(fault):
     assert wire.fastest() <= 1.15 * SPEED
 
 
-def test_a_clock_that_is_set_back_ends_the_session():
-    wire = Wire({"clock-step": -3600.0})
-    with WiredArm(wire) as robot:
-        states = follow(robot, 6.0, Ramp())
-    assert states[-1].session == 2
-
-
 @pytest.mark.matrix("0.01", "0.02", "0.04", "0.1")
 @pytest.mark.parametrize("stall_s", [0.01, 0.02, 0.04, 0.1, 0.5])
 def test_lost_time_is_lost(stall_s):
@@ -709,17 +702,6 @@ def test_an_arm_that_lost_too_much_way_begins_anew():
     assert states[-1].session > 1
     assert wire.fastest() <= 1.3 * SPEED
     assert wire.rests()
-
-
-def test_a_killed_process_leaves_an_arm_at_rest():
-    wire = Wire()
-    robot = WiredArm(wire)
-    robot.open()
-    follow(robot, 1.5, Ramp(ends_s=9.0))
-    wire.killed = True
-    wire.run_on(1.0)
-    assert wire.rests()
-    robot.close()
 
 
 def test_silence_is_reported_at_least_every_tenth_of_a_second():

@@ -91,22 +91,6 @@ def test_a_device_that_is_unplugged_in_motion_stops_the_arm():
         assert (bench.state.axes, bench.state.link) == (NEUTRAL, link)
 
 
-def test_a_node_that_hangs_is_stale_and_counts_again_from_rest():
-    bench = Bench()
-    bench.touch()
-    bench.run(0.1, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
-    bench.device.silence()
-    bench.run(0.12)
-    assert (bench.state.link, bench.state.axes) == (DeviceLink.STALE, NEUTRAL)
-    assert "no message for 0.1 s" in bench.state.reason
-    bench.device.resume()
-    bench.run(0.5)
-    assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
-    bench.run(0.1, (0.0,) * 6)
-    assert bench.state.link is DeviceLink.LIVE
-    assert bench.core.metrics(bench.now_s)["silences"] == 1
-
-
 @pytest.mark.parametrize(
     ("message", "words"),
     [

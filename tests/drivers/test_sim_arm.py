@@ -6,7 +6,6 @@ import dataclasses
 import math
 import re
 import time
-from contextlib import contextmanager
 from itertools import islice, pairwise
 from types import SimpleNamespace
 
@@ -439,15 +438,9 @@ def test_an_arm_that_fell_silent_long_ago_is_sent_nothing(monkeypatch, silence_s
 # -- over UDP -----------------------------------------------------------------------------------
 
 
-@contextmanager
 def served(**options):
-    peer = SimulatedArmPeer(
-        SimulatedArmOptions(
-            robot=ROBOT, plant=PlantOptions(start=START), port=0, period_s=0.004, **options
-        )
-    )
-    with in_a_thread(peer):
-        yield peer
+    common = {"robot": ROBOT, "plant": PlantOptions(start=START), "port": 0, "period_s": 0.004}
+    return in_a_thread(SimulatedArmPeer(SimulatedArmOptions(**common, **options)))
 
 
 def over_udp(endpoint):

@@ -536,8 +536,8 @@ def test_battery():
     device.report(encode_battery(85, False))
     assert device.state.battery == 0.85
     assert device.core.diagnosis(device.now_s) == []
-    device.report(encode_battery(8, False))
-    assert device.core.diagnosis(device.now_s) == ["battery at 8 %: charge it"]
+    device.report(encode_battery(10, False))
+    assert device.core.diagnosis(device.now_s) == ["battery at 10 %: charge it"]
     device.report(encode_battery(8, True))
     assert device.core.diagnosis(device.now_s) == []
     device.report(encode_battery(8, False))

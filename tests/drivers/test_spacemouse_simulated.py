@@ -85,14 +85,6 @@ def test_every_button_is_heard(model):
     assert set(labels) <= set(bench.core.labels)
 
 
-def test_long_press():
-    bench = Bench(model_by_key("spacemouse-enterprise"))
-    bench.device.press("top")
-    assert bench.run(1.5).buttons == {"top", "bottom"}
-    bench.device.release("top")
-    assert not bench.run(0.1).buttons
-
-
 def faulty(fault, value=None, model="spacenavigator", **settings):
     default = {switch.name: switch.default for switch in FAULTS}[fault]
     faults = {fault: default if value is None else value}
@@ -109,69 +101,6 @@ def test_mangled_reports_are_noted_and_survived(fault):
     assert state.axes == pytest.approx(DEFLECTION, abs=0.002)
     assert bench.core.diagnosis(bench.now_s)
     assert bench.run(1.0, REST).axes == REST
-
-
-@pytest.mark.parametrize("model", ["spacenavigator", "spacemouse-wireless"])
-def test_wrong_family(model):
-    bench = faulty("wrong-family", model=model)
-    bench.touch()
-    assert bench.run(1.0, DEFLECTION).axes == pytest.approx(DEFLECTION, abs=0.002)
-    assert "unlike" in bench.core.diagnosis(bench.now_s)[0]
-
-
-def test_silence_while_deflected():
-    bench = faulty("silence", 1.0)
-    bench.touch()
-    state = bench.run(2.0, DEFLECTION)
-    assert (state.link, state.axes) == (DeviceLink.STALE, REST)
-    moving = [s for s in bench.states if any(s.axes)]
-    assert bench.states.index(moving[-1]) * STEP_S <= 1.0 + 0.1
-
-
-def test_unplug_and_replug():
-    bench = Bench(model_by_key("spacenavigator"), faults={"unplug": 1.0, "replug": 2.0})
-    bench.touch()
-    bench.device.press("left")
-    state = bench.run(1.0, DEFLECTION)
-    assert (state.link, state.axes, state.buttons) == (DeviceLink.LOST, REST, frozenset())
-    bench.device.release("left")
-    state = bench.run(1.0)
-    assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, REST)
-    bench.run(0.5, REST)
-    assert bench.run(0.5, DEFLECTION).link is DeviceLink.LIVE
-
-
-def test_bursts_never_move_late():
-    """A stalled line stops the robot; reports queued during the stall do not move it."""
-    bench = faulty("burst")
-    bench.touch()
-    bench.run(4.0, DEFLECTION)
-    links = [state.link for state in bench.states]
-    assert DeviceLink.STALE in links
-    first = links.index(DeviceLink.STALE)
-    assert not any(any(state.axes) for state in bench.states[first:])
-
-
-def test_drift_is_reported():
-    bench = faulty("drift", 30.0, options=SpaceMouseOptions(), jitter_lsb=1)
-    bench.run(7.0, REST)
-    assert any("re-zero" in words for words in bench.core.diagnosis(bench.now_s))
-    bench.core.rezero(bench.now_s)
-    state = bench.run(0.1)
-    assert (state.link, state.axes) == (DeviceLink.LIVE, REST)
-
-
-def test_overrange_is_clamped():
-    bench = faulty("overrange")
-    bench.touch()
-    assert bench.run(0.5, (1.0, 0.0, -1.0, 0.0, 0.0, 0.0)).axes == (1.0, 0.0, -1.0, 0.0, 0.0, 0.0)
-
-
-def test_low_battery_is_reported():
-    bench = faulty("low-battery", model="spacemouse-pro-wireless")
-    bench.touch()
-    assert bench.core.diagnosis(bench.now_s) == ["battery at 5 %: charge it"]
-    assert bench.states[-1].battery == 0.05
 
 
 def test_jitter_at_rest_stays_at_rest():

@@ -30,19 +30,16 @@ from cardan_spnav_server import (
 from cardan_spnav_server.protocol import encode_button, encode_motion
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, PuckMotion, spacenavd
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def until(driver, wanted):
+def until_state(driver, wanted):
     """Return the first state of `driver` for which `wanted` is true."""
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while not wanted(state := driver.state()):
-        assert time.monotonic() < deadline_s, (state, driver.diagnosis())
-        time.sleep(0.002)
-    return state
+    return until(lambda: wanted(state := driver.state()) and state)
 
 
 def live(state):
@@ -87,12 +84,12 @@ class Hand(SimulatedPeer):
         """Deflect, release, and wait until the driver is live."""
         start_s = time.monotonic()
         self.axes = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while time.monotonic() - driver.metrics()["motion_age_s"] < start_s:
-            assert time.monotonic() < deadline_s
-            time.sleep(0.005)
+        until(
+            lambda: time.monotonic() - driver.metrics()["motion_age_s"] >= start_s,
+            "a report of the deflection",
+        )
         self.axes = REST
-        until(driver, live)
+        until_state(driver, live)
 
 
 @contextlib.contextmanager
@@ -113,34 +110,17 @@ def test_from_one_cardan_to_another(path):
         assert driver.capabilities.feedback == {"led"}
         hand.touch(driver)
         hand.axes = (0.1, 0.2, 0.3, -0.4, -0.5, -0.6)
-        state = until(driver, lambda state: state.axes != REST)
+        state = until_state(driver, lambda state: state.axes != REST)
         assert state.axes == pytest.approx(hand.axes, abs=1 / 350)
         hand.edges = [ButtonEvent(0.0, "b", True)]
-        until(driver, lambda state: state.buttons == {"button-1"})
+        until_state(driver, lambda state: state.buttons == {"button-1"})
         assert [event[1:] for event in driver.button_events()] == [("button-1", True)]
         hand.axes = REST
-        until(driver, lambda state: state.axes == REST)
+        until_state(driver, lambda state: state.axes == REST)
         driver.feedback(DeviceFeedback(led=False))
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while hand.leds != [True, False]:
-            assert time.monotonic() < deadline_s
-            time.sleep(0.005)
+        until(lambda: hand.leds == [True, False], "the LED's change")
         with pytest.raises(CommandError, match="no rumble"):
             driver.feedback(DeviceFeedback(rumble=1.0))
-
-
-def test_unplugging_behind_the_daemon_and_plugging_in_again(path):
-    with in_a_thread(Hand(path)) as hand, opened(path) as driver:
-        hand.touch(driver)
-        hand.axes = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
-        until(driver, lambda state: state.axes[0] > 0.4)
-        hand.link = DeviceLink.LOST
-        state = until(driver, lost)
-        assert state.axes == REST
-        assert "unplugged" in state.reason
-        hand.link, hand.axes = DeviceLink.LIVE, REST
-        until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
-        hand.touch(driver)
 
 
 @pytest.mark.real
@@ -149,10 +129,10 @@ def test_a_daemon_that_ends_is_found_again(path):
         driver = Spnav(SpnavOptions(socket=str(path), dead_zone=0.0))
         driver.open()
         hand.touch(driver)
-    state = until(driver, lost)
+    state = until_state(driver, lost)
     assert "the daemon closed the connection" in state.reason or "no socket" in state.reason
     with in_a_thread(Hand(path)) as hand:
-        until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+        until_state(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
         hand.touch(driver)
         driver.close()
     assert driver.state().link is DeviceLink.CLOSED
@@ -163,14 +143,9 @@ def test_the_led_is_left_as_it_was(path):
     with in_a_thread(Hand(path)) as hand:
         with opened(path) as driver:
             driver.feedback(DeviceFeedback(led=False))
-            deadline_s = time.monotonic() + TIMEOUT_S
-            while hand.leds != [True, False]:
-                assert time.monotonic() < deadline_s
-                time.sleep(0.005)
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while hand.leds != [True, False, True, False]:  # set by the driver, without a client
-            assert time.monotonic() < deadline_s
-            time.sleep(0.005)
+            until(lambda: hand.leds == [True, False], "the LED's change")
+        # Set by the driver, without a client.
+        until(lambda: hand.leds == [True, False, True, False], "the LED's change")
 
 
 def test_an_old_daemon(path):
@@ -197,11 +172,11 @@ def test_an_old_daemon(path):
         assert driver.capabilities.buttons == ()
         assert driver.capabilities.feedback == frozenset()
         peer[0].sendall(encode_motion((0,) * 6, 0))
-        until(driver, live)
+        until_state(driver, live)
         peer[0].sendall(encode_motion((0, 0, 175, 0, 0, 0), 16) + encode_button(5, True))
-        state = until(driver, lambda state: state.buttons)
+        state = until_state(driver, lambda state: state.buttons)
         assert state.axes == (0.5, 0, 0, 0, 0, 0)
-        state = until(driver, lambda state: state.link is DeviceLink.STALE)
+        state = until_state(driver, lambda state: state.link is DeviceLink.STALE)
         assert (state.axes, state.buttons) == (REST, frozenset())
     thread.join()
     assert bytes(got) == encode_handshake(1) + b"\0\0\x80\x3f"
@@ -231,7 +206,7 @@ def test_nonsense_is_not_listened_to(path):
     thread.start()
     driver = Spnav(SpnavOptions(socket=str(path), wait_for_device=True))
     driver.open()
-    state = until(driver, lost)
+    state = until_state(driver, lost)
     assert state.axes == REST
     thread.join(TIMEOUT_S)
     assert not thread.is_alive()
@@ -269,14 +244,14 @@ def test_a_daemon_that_repeats_is_refused_until_that_is_changed(path, monkeypatc
         assert "repeat-interval = 250" in found.obstacle
         with opened(path, wait_for_device=True) as driver:
             # Until the daemon has answered, the driver needs neutral, so that nothing moves.
-            assert "repeat-interval = 250" in until(driver, lost).reason
+            assert "repeat-interval = 250" in until_state(driver, lost).reason
             settings[Code.GCFG_REPEAT] = (-1,)
-            until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+            until_state(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
             hand.touch(driver)
             hand.axes = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
-            until(driver, lambda state: state.axes[0] > 0.4)
+            until_state(driver, lambda state: state.axes[0] > 0.4)
             settings[Code.GCFG_REPEAT] = (16,)
-            assert until(driver, lost).axes == REST
+            assert until_state(driver, lost).axes == REST
 
 
 # -- finding it ---------------------------------------------------------------------------------
@@ -291,7 +266,7 @@ def test_it_can_be_waited_for(path):
     with opened(path, wait_for_device=True) as driver:
         assert "no socket" in driver.state().reason
         with in_a_thread(Hand(path)) as hand:
-            until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+            until_state(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
             hand.touch(driver)
 
 
@@ -349,10 +324,10 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
         )
         hand.do("set_axes", REST)
         reported.until(live)
-        until(driver, live)
+        until_state(driver, live)
         first_live = len(reported.states)
         hand.do("press", FIRST_KEY)
-        until(driver, lambda state: state.buttons)
+        until_state(driver, lambda state: state.buttons)
         for axis in range(6):
             hand.do("set_axes", push(axis, 0.9))
             reported.until(lambda state, axis=axis: state.axes[axis] > 0.6)
@@ -364,7 +339,7 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
         reported.until(lambda state: state.axes[0] > 0.6)
         hand.do("unplug")
         # This daemon does not report an unplugged serial device.
-        state = until(driver, lambda state: state.link is DeviceLink.STALE)
+        state = until_state(driver, lambda state: state.link is DeviceLink.STALE)
         assert state.axes == REST
         edges = []
 
@@ -372,7 +347,7 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
             edges.extend(driver.button_events())
             return len(edges) == 2
 
-        until(driver, released)
+        until_state(driver, released)
         assert [event[1:] for event in edges] == [("button-0", True), ("button-0", False)]
         assert driver.metrics()["malformed_records"] == 0
         assert driver.metrics()["unasked_replies"] == 0
@@ -399,9 +374,9 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
             lambda state: reported.core.metrics(reported.now_s)["motion_age_s"] < math.inf
         )
         hand.do("set_axes", REST)
-        until(driver, live)
+        until_state(driver, live)
         hand.do("press", FIRST_KEY)
-        until(driver, lambda state: state.buttons and live(state))
+        until_state(driver, lambda state: state.buttons and live(state))
         core, on_bytes, seen = driver._core, driver._core.on_bytes, []
 
         def noting(data, now_s):
@@ -416,12 +391,12 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
 
         # Tests of the core check the time limit in virtual time. A stopped daemon is reported until
         # it repeats again.
-        state = until(driver, only_repeats)
+        state = until_state(driver, only_repeats)
         assert (state.link, state.axes) == (DeviceLink.STALE, REST)
         assert state.buttons == frozenset()
         assert max(seen) > 0.5
         before = driver.metrics()
-        until(driver, lambda _: driver.metrics()["repeats"] > before["repeats"] + 300)
+        until_state(driver, lambda _: driver.metrics()["repeats"] > before["repeats"] + 300)
         assert driver.state().link is DeviceLink.STALE
         assert driver.metrics()["silences"] == before["silences"]
 
@@ -435,14 +410,14 @@ def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
         assert '"spacemouse_serial"' in " ".join(usual.diagnosis())
         hand.do("set_axes", push(2, 0.2))
         for each in (usual, patient):
-            until(each, lambda _, heard=each: heard.metrics()["motion_age_s"] < math.inf)
+            until_state(each, lambda _, heard=each: heard.metrics()["motion_age_s"] < math.inf)
         hand.do("set_axes", REST)
         for each in (usual, patient):
-            until(each, live)
+            until_state(each, live)
         hand.do("set_axes", push(2, 0.6))
-        until(patient, lambda state: state.axes[2] > 0.5)
+        until_state(patient, lambda state: state.axes[2] > 0.5)
         end_s = time.monotonic() + 3.0
-        until(patient, lambda state: not live(state) or time.monotonic() > end_s)
+        until_state(patient, lambda state: not live(state) or time.monotonic() > end_s)
         assert live(patient.state()), patient.diagnosis()
         assert usual.metrics()["silences"] > 0
         assert "stale_after_s = 1" in " ".join(patient.diagnosis())
@@ -454,7 +429,7 @@ def answered(path):
     as unexpected."""
     for _ in range(30):
         with opened(path) as driver:
-            until(driver, lambda _: driver._core.settled)
+            until_state(driver, lambda _: driver._core.settled)
             if driver.metrics()["version"] == 1 and not driver.metrics()["unanswered_requests"]:
                 yield driver
                 return
@@ -514,7 +489,7 @@ def reported_presses(folder, model):
             for act in ("press", "release"):
                 hand.do(act, key)
                 count = len(edges) + 1
-                until(driver, lambda _, wanted=count: reported(driver, edges) == wanted)
+                until_state(driver, lambda _, wanted=count: reported(driver, edges) == wanted)
     return [event.button for event in edges if event.pressed]
 
 

@@ -1,6 +1,5 @@
 """Access to a device's states: read(), iteration and callbacks, woken by the reader thread."""
 
-import socket
 import threading
 import time
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ from cardan.errors import NotOpenError, OptionError
 from cardan.types import NEUTRAL, DeviceCapabilities, DeviceLink, DeviceState
 from cardan_omni.peer import OmniSettings, SimulatedOmni, available, library_path
 from tests.docs_tables import ours
-from tests.serving import demo_of, demonstrated, served
+from tests.serving import demo_of, demonstrated, free_tcp_port, served
 
 PATIENCE_S = 10.0
 
@@ -77,11 +76,6 @@ def meanwhile(function):
         return found[0]
 
     return result
-
-
-def free_tcp_port():
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return probe.getsockname()[1]
 
 
 def waits(device):

@@ -57,6 +57,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "cardan/drivers": (
         "tests/drivers",
         "tests/test_device_faults.py",
+        "tests/test_motoros_faults.py",
         "tests/test_slip_compensation.py",
     ),
     "cardan/protocols": ("tests/protocols", "tests/drivers", "tests/sim_peers"),

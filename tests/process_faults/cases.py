@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import enum
+import functools
 import json
 import os
 import resource
@@ -217,22 +218,16 @@ def disk_full(lab: Lab, stack: contextlib.ExitStack) -> None:
     lab.swing(lambda: not asking.is_alive())
 
 
-def clients(lab: Lab, stack: contextlib.ExitStack) -> None:
-    """Programs connect to the daemon."""
+def clients(lab: Lab, stack: contextlib.ExitStack, web: bool = False) -> None:
+    """Programs connect to the daemon, or to rosbridge."""
     for _ in range(20):
-        sock = socket.socket(socket.AF_UNIX)
+        sock = socket.socket() if web else socket.socket(socket.AF_UNIX)
         stack.callback(sock.close)
         sock.settimeout(1.0)
-        sock.connect(lab.socket)
+        sock.connect(("127.0.0.1", lab.server_port) if web else lab.socket)
 
 
-def web_clients(lab: Lab, stack: contextlib.ExitStack) -> None:
-    """Programs connect to rosbridge."""
-    for _ in range(20):
-        sock = socket.socket()
-        stack.callback(sock.close)
-        sock.settimeout(1.0)
-        sock.connect(("127.0.0.1", lab.server_port))
+web_clients = functools.partial(clients, web=True)
 
 
 def reader_that_stops(*asks: Ask) -> Act:

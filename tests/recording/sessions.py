@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import socket
 import threading
 from pathlib import Path
 
@@ -118,13 +117,6 @@ class Recorded:
                 writer.add(RecordedMessage(recorded, now_ns, now_ns, number, data))
         writer.finish()
         return path
-
-
-def free_endpoint() -> str:
-    """Return an unused Zenoh endpoint on loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def session_file(folder: Path, endpoint: str) -> str:

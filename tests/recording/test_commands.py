@@ -12,12 +12,12 @@ from cardan.bus.options import BusOptions
 from tests.recording.sessions import (
     STRING,
     Recorded,
-    free_endpoint,
     session_file,
 )
 from tests.recording.test_plot import rows
 from tests.recording.test_recorder import names_in, put_all
 from tests.recording.test_replay import write
+from tests.serving import free_endpoint
 from tests.waiting import until
 
 CARDAN = (sys.executable, "-m", "cardan")

@@ -65,9 +65,8 @@ def read_on(stream):
     return rows
 
 
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "record.mcap"
+def begun(path):
+    """Return the writer of a record at `path` that has all messages, in three chunks."""
     writer = RecordWriter(path)
     writer.attach("configuration.json", "{}", NS)
     writer.describe("cardan", {"cardan": "1"})
@@ -75,7 +74,13 @@ def file(tmp_path):
         writer.add(message)
         if number % 100 == 99:
             writer.flush()
-    writer.finish()
+    return writer
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "record.mcap"
+    begun(path).finish()
     return path
 
 
@@ -219,18 +224,27 @@ def test_a_chunk_takes_no_more_memory_than_a_chunk_may(tmp_path, compression, pa
     assert reader.cut_off
 
 
-@pytest.mark.parametrize("compression", list(CompressionType))
-def test_chunks_of_every_compression_are_read(tmp_path, compression):
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"compression": each, "chunk_size": 2000} for each in CompressionType),
+        {"enable_crcs": False},
+    ],
+    ids=str,
+)
+def test_chunks_of_every_compression_and_without_a_crc_are_read(tmp_path, options):
     path = tmp_path / "other.mcap"
     with path.open("wb") as file:
-        writer = McapWriter(file, compression=compression, chunk_size=2000)
+        writer = McapWriter(file, **options)
         writer.start("ros2")
         schema = writer.register_schema(TYPES[-2], "ros2msg", b"string data")
         channel = writer.register_channel("/talk", "cdr", schema)
         for number in range(100):
             writer.add_message(channel, number, codec_of(TYPES[-2]).encode({"data": "a"}), number)
         writer.finish()
-    assert [each.log_ns for each in RecordReader(path)] == list(range(100))
+    reader = RecordReader(path)
+    assert [each.log_ns for each in reader] == list(range(100))
+    assert not reader.damage
 
 
 def test_mcaps_non_seeking_reader_reads_one_that_was_flushed(tmp_path):
@@ -378,17 +392,3 @@ def test_no_exception_of_pythons_is_in_what_is_said_of_a_file(tmp_path):
         assert list(reader) == []
         assert [each for each in reader.problems if "Error" in each or "EndOfFile" in each] == []
         assert reader.damage == ["at byte 8 a chunk is left out (it cannot be unpacked)"]
-
-
-def test_chunks_without_a_crc_are_read(tmp_path):
-    path = tmp_path / "other.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file, enable_crcs=False)
-        writer.start("ros2")
-        schema = writer.register_schema(TYPES[-2], "ros2msg", b"string data")
-        channel = writer.register_channel("/talk", "cdr", schema)
-        writer.add_message(channel, 7, codec_of(TYPES[-2]).encode({"data": "a"}), 7)
-        writer.finish()
-    reader = RecordReader(path)
-    assert [each.log_ns for each in reader] == [7]
-    assert not reader.damage

@@ -25,11 +25,11 @@ from cardan.recording.verify import verify
 from tests.recording.sessions import (
     NODE,
     STRING,
-    free_endpoint,
     live_session,
     session_file,
 )
 from tests.recording.test_mcap_file import read_on
+from tests.serving import free_endpoint
 from tests.waiting import until
 
 TEXT = codec_of(STRING)

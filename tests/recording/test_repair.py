@@ -13,21 +13,14 @@ from rosbags.rosbag2.errors import ReaderError
 from cardan.errors import CaptureError
 from cardan.recording.mcap_file import RecordReader, RecordWriter
 from cardan.recording.repair import repair, repaired_name
-from tests.recording.sessions import NS
-from tests.recording.test_mcap_file import CHUNK, flipped, messages, records_of
+from tests.recording.test_mcap_file import CHUNK, begun, flipped, messages, records_of
 
 
 @pytest.fixture
 def file(tmp_path):
     """Record of three chunks, truncated after the last one."""
     path = tmp_path / "record.mcap"
-    writer = RecordWriter(path)
-    writer.attach("configuration.json", "{}", NS)
-    writer.describe("cardan", {"cardan": "1"})
-    for number, message in enumerate(messages()):
-        writer.add(message)
-        if number % 100 == 99:
-            writer.flush()
+    writer = begun(path)
     whole = path.read_bytes()
     writer.finish()
     path.write_bytes(whole)

@@ -31,7 +31,8 @@ from cardan.recording.replay import (
     until_damage,
     why_held_back,
 )
-from tests.recording.sessions import NODE, NS, STRING, free_endpoint, live_session
+from tests.recording.sessions import NODE, NS, STRING, live_session
+from tests.serving import free_endpoint
 from tests.waiting import done_again, until
 
 RESULT = "cardan_msgs/msg/CommandResult"

@@ -233,22 +233,25 @@ def test_filters_are_not_replayed(recorded, tmp_path):
     assert "proximity" in report.ended
 
 
-def test_a_record_without_a_session(tmp_path):
-    writer = RecordWriter(tmp_path / "none.mcap")
-    topic = RecordedTopic("/other", STRING, "", False, ())
-    writer.add(RecordedMessage(topic, NS, NS, 1, b"\0\1\0\0\1\0\0\0\0"))
+@pytest.mark.parametrize(
+    ("topic", "type_name", "words"),
+    [
+        ("/other", STRING, "no controller_log topic"),
+        (
+            "/arm/engine",
+            "std_msgs/msg/String",
+            "has /arm/engine in place of controller_log: an older",
+        ),
+    ],
+)
+def test_a_record_without_a_log_of_the_controller(tmp_path, topic, type_name, words):
+    file = tmp_path / "other.mcap"
+    writer = RecordWriter(file)
+    recorded_topic = RecordedTopic(topic, type_name, "", False, ())
+    writer.add(RecordedMessage(recorded_topic, NS, NS, 1, b"\0\1\0\0\1\0\0\0\0"))
     writer.finish()
-    with pytest.raises(CaptureError, match="no controller_log topic"):
-        verify(tmp_path / "none.mcap")
-
-
-def test_a_record_of_a_version_with_another_name_for_its_log_is_refused(tmp_path):
-    writer = RecordWriter(tmp_path / "older.mcap")
-    topic = RecordedTopic("/arm/engine", "std_msgs/msg/String", "", False, ())
-    writer.add(RecordedMessage(topic, NS, NS, 1, b"\0\1\0\0\1\0\0\0\0"))
-    writer.finish()
-    with pytest.raises(CaptureError, match="has /arm/engine in place of controller_log: an older"):
-        verify(tmp_path / "older.mcap")
+    with pytest.raises(CaptureError, match=words):
+        verify(file)
 
 
 def test_a_cycle_reads_back_as_it_was(recorded):

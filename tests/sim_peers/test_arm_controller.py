@@ -188,6 +188,7 @@ def test_the_same_calls_give_the_same_datagrams():
 
 def test_every_fault_is_tested():
     tested = {name.removeprefix("test_fault_") for name in globals() if "test_fault_" in name}
+    tested |= {"reorder", "jitter"}  # tests/sim_peers/test_link.py
     assert {fault.name.replace("-", "_") for fault in FAULTS} <= tested
 
 
@@ -204,13 +205,6 @@ def test_fault_duplicate():
     assert client.arm.counters.ignored["late or double"] > 40
 
 
-def test_fault_reorder():
-    client = Client(["reorder=0.5"])
-    numbers = [state.sequence for state in client.run(0.2, ControlMode.HOLD)]
-    assert numbers != sorted(numbers)
-    assert client.arm.counters.ignored["late or double"] > 10
-
-
 def test_fault_delay():
     client = Client(["delay=20"])
     assert client.run(0.02, ControlMode.HOLD) == []
@@ -218,17 +212,6 @@ def test_fault_delay():
     assert client.now_s - client.state.stamp_s == pytest.approx(0.02, abs=0.0021)
     first = next(s for s in client.states if s.mode is ControlMode.VELOCITY)
     assert first.stamp_s == pytest.approx(0.04, abs=0.0021)
-
-
-def test_fault_jitter():
-    client = Client(["jitter=8"])
-    arrivals = []
-    for _ in range(100):
-        states = client.run(PERIOD_S, ControlMode.HOLD)
-        arrivals += [client.now_s - state.stamp_s for state in states]
-    assert 0.003 < max(arrivals) <= 0.0101
-    numbers = [state.sequence for state in client.states]
-    assert numbers == sorted(numbers)
 
 
 def test_fault_garbage():

@@ -33,11 +33,8 @@ def options(**changes):
     return SimulatedArmOptions(**{"robot": "gofa_crb15000_5", "plant": plant, "port": 0, **changes})
 
 
-@contextmanager
 def serving(**changes):
-    peer = SimulatedArmPeer(options(**changes))
-    with in_a_thread(peer):
-        yield peer
+    return in_a_thread(SimulatedArmPeer(options(**changes)))
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 
@@ -16,7 +15,7 @@ from cardan.protocols.egm.messages import EgmRobot
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
 from tests.serving import in_a_thread
 from tests.sim_peers.egm_pc import TS, echo
-from tests.waiting import WITHIN_S
+from tests.waiting import WITHIN_S, until
 
 pytestmark = pytest.mark.matrix
 
@@ -29,12 +28,8 @@ def pc_socket():
         yield pc
 
 
-@contextmanager
 def serving(**options):
-    """Serve a peer in a thread."""
-    peer = EgmControllerPeer(EgmControllerOptions(**options))
-    with in_a_thread(peer):
-        yield peer
+    return in_a_thread(EgmControllerPeer(EgmControllerOptions(**options)))
 
 
 def converse(pc, count, answer=True):
@@ -86,9 +81,7 @@ def test_nobody_listens_at_first():
     with pc_socket() as pc:
         address = pc.getsockname()
     with serving(pc_port=address[1], mode="joint", comm_timeout_s=60.0) as peer:
-        give_up_s = time.monotonic() + WITHIN_S
-        while not peer.core.events and time.monotonic() < give_up_s:
-            time.sleep(0.001)
+        until(lambda: peer.core.events, "an event")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pc:
             pc.bind(address)
             pc.settimeout(WITHIN_S)

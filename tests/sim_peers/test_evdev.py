@@ -6,7 +6,6 @@ import math
 import os
 import socket
 import stat
-import time
 
 import pytest
 from hypothesis import given, strategies as st
@@ -33,7 +32,7 @@ from cardan.sim_peers.evdev.backends import UinputBackend
 from cardan.sim_peers.scripted import play
 from tests.serving import in_a_thread
 from tests.sim_peers.backend_shell import BareShell
-from tests.waiting import WITHIN_S
+from tests.waiting import until
 
 BY_KEY = {model.key: model for model in MODELS}
 PUSHED = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -343,10 +342,7 @@ def test_a_client_that_does_not_read_loses_events_as_with_the_kernel(tmp_path):
     path = str(tmp_path / "s")
     options = EvdevPeerOptions(path=path, script=str(script))
     with in_a_thread(EvdevPeer(options)) as peer, connect(path) as sock:
-        end_s = time.monotonic() + WITHIN_S
-        while not peer.backend.lost:
-            assert time.monotonic() < end_s
-            time.sleep(0.01)
+        until(lambda: peer.backend.lost, "a loss")
         seen = []
         while (0, 3, 0) not in seen:
             packet = sock.recv(4096)

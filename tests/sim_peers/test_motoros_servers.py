@@ -213,28 +213,21 @@ def test_nobody_comes_while_the_velocity_mode_ramps_down(end):
     assert world.controller.active_mode == 1
 
 
-def test_a_client_that_is_reset_while_it_starts_the_velocity_mode_leaves_it_off():
+@pytest.mark.parametrize(("end", "mode"), [("reset", 0), ("closed", 1)])
+def test_a_client_that_goes_while_it_starts_the_velocity_mode(end, mode):
+    """All requests of one that closes are executed: a busy server sees a FIN only then."""
     world = World(servo_on=False)
     motion = world.connect("motion")
     world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
-    world.run(0.1)
-    world.servers.lost(motion, world.now_s, "reset")
+    if end == "closed":
+        world.servers.eof(motion, world.now_s)
+    else:
+        world.run(0.1)
+        world.servers.lost(motion, world.now_s, end)
     world.run(3.0)
     motion = world.connect("motion")
     info = world.ask(motion, request(VelocityInfoRequest(0))).body
-    assert info.active_mode == 0
-
-
-def test_a_client_that_closes_while_it_starts_the_velocity_mode_leaves_it_off():
-    """All its requests are executed: a busy server sees a FIN only then."""
-    world = World(servo_on=False)
-    motion = world.connect("motion")
-    world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
-    world.servers.eof(motion, world.now_s)
-    world.run(2.0)
-    motion = world.connect("motion")
-    info = world.ask(motion, request(VelocityInfoRequest(0))).body
-    assert info.active_mode == 1
+    assert info.active_mode == mode
 
 
 def test_four_clients_get_states_and_a_fifth_takes_the_first_ones_place(world):

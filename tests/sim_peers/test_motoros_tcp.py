@@ -9,7 +9,6 @@ import struct
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -72,12 +71,9 @@ class Client:
         return self.next()
 
 
-@contextmanager
 def serving(**changes):
     options = MotorosControllerOptions(**{"base_port": 0, "servo_on": True, **changes})
-    peer = MotorosControllerPeer(options)
-    with in_a_thread(peer):
-        yield peer
+    return in_a_thread(MotorosControllerPeer(options))
 
 
 @pytest.mark.real

@@ -10,8 +10,6 @@ import pytest
 
 from cardan.sim_peers.network import DelayedStream, SimulatedNetworkOptions, SimulatedNetworkPeer
 
-CHUNKS = [b"a", b"bc", b"def", b""]
-
 
 def test_a_chunk_arrives_after_the_delay_and_not_before():
     way = DelayedStream(SimulatedNetworkOptions(delay_ms=40.0), 1)

@@ -3,8 +3,6 @@ started in the usual way, and others. docs/ros2.md lists the abilities of each."
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 
 import pytest
@@ -15,7 +13,7 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip insta
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.robots import load_arm
 from tests.dds_network import OPTIONS
-from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port, served
+from tests.serving import free_tcp_port, served, session_on_the_network
 from tests.sweep.operators import (
     ARM,
     HEARD,
@@ -47,17 +45,12 @@ NAMELESS = "_CREATED_BY_BARE_DDS_APP_"
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    endpoint, domain = free_endpoint(), OPTIONS.number
-    file = tmp_path_factory.mktemp("session") / "session.toml"
-    file.write_text(f'{ARM_SESSION.format(endpoint=endpoint)}other_names = ["cmd_vel"]\n')
-    run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "600"]
-    with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
-        try:
-            server = ("net", "server", "dds", "--router", endpoint, "--dds-domain", str(domain))
-            with served(*server):
-                yield Lab(endpoint, domain)
-        finally:
-            session.terminate()
+    domain, names = OPTIONS.number, 'other_names = ["cmd_vel"]\n'
+    with (
+        session_on_the_network(tmp_path_factory.mktemp("session"), more=names) as endpoint,
+        served("net", "server", "dds", "--router", endpoint, "--dds-domain", str(domain)),
+    ):
+        yield Lab(endpoint, domain)
 
 
 @pytest.fixture(scope="module")

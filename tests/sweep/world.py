@@ -4,9 +4,6 @@ topic."""
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,35 +18,21 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.zenoh import SERVICE
 from tests.network_table import ACTION_PARTS, Kind, Row
-from tests.serving import free_tcp_port
+from tests.serving import ARM_SESSION, session_on_the_network
 from tests.sweep.plan import NAMESPACE, NODE, RESULT, RUMBLED
 from tests.waiting import WITHIN_S, until
 
-SESSION = """
+SESSION = f"""
 [device]
 driver = "ros2_joy"
 topic = "/stick"
 feedback_topic = "/stick/set_feedback"
 wait_for_device = true
-router = "{endpoint}"
+router = "{{endpoint}}"
 listen = []
-
-[robot]
-driver = "sim_arm"
-robot = "ur5"
-drive = "ideal"
-period_s = 0.008
-
-[arm]
-model = "ur5"
-
-[network]
-name = "arm"
-namespace = "left"
-other_names = {other_names}
+{ARM_SESSION}
+other_names = {[*get_args(NamesOf)]}
 device = true
-router = ""
-listen = ["{endpoint}"]
 """
 TIMEOUT_S = WITHIN_S
 FEED_PERIOD_S = 0.03
@@ -232,16 +215,10 @@ class World:
 @contextmanager
 def world(folder) -> Iterator[World]:
     """A running session."""
-    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
-    path = folder / "session.toml"
-    path.write_text(SESSION.format(endpoint=endpoint, other_names=[*get_args(NamesOf)]))
-    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "300"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
+    with session_on_the_network(folder, SESSION) as endpoint:
         found = World(endpoint)
         try:
             found.open()
             yield found
         finally:
             found.close()
-            session.send_signal(signal.SIGINT)
-            session.wait(TIMEOUT_S)

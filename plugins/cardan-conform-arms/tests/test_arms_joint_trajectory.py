@@ -4,9 +4,6 @@ defects."""
 from __future__ import annotations
 
 import math
-import signal
-import subprocess
-import sys
 
 import pytest
 
@@ -39,7 +36,7 @@ from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES
 from tests import conformance_tables as tables
 from tests.gateway.arm.arms import DT_S
 from tests.gateway.bus.bench import Bench
-from tests.serving import ARM_SESSION, free_endpoint
+from tests.serving import ARM_SESSION, session_on_the_network
 
 SUITE = registry.load("joint-trajectory")
 PR2 = "pr2_right_arm"
@@ -320,18 +317,11 @@ ACTION = "/left/joint_trajectory_controller/follow_joint_trajectory"
 @pytest.mark.parametrize(("text", "left_out"), [(SESSION, ()), (ARM_SESSION, ("212",))])
 def test_a_session_on_the_bus_meets_every_requirement(text, left_out, tmp_path):
     """Judged by `cardan conform joint-trajectory --target`."""
-    endpoint = free_endpoint()
-    (tmp_path / "session.toml").write_text(text.format(endpoint=endpoint))
-    command = [sys.executable, "-m", "cardan", "run", "session.toml", "--seconds", "150"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=tmp_path) as session:
-        network = BusNetwork(BusOptions(router=endpoint, listen=()), "watcher")
-        try:
-            network.open()
-            assert network.wait_for_service(f"{ACTION}/_action/get_result", 30.0)
-            report, _ = run.at(SUITE, f"{endpoint},{ACTION}", Level.MOVE, print, seconds=1.0)
-        finally:
-            network.close()
-            session.send_signal(signal.SIGINT)
-            session.wait(30.0)
+    with (
+        session_on_the_network(tmp_path, text) as endpoint,
+        BusNetwork(BusOptions(router=endpoint, listen=()), "watcher") as network,
+    ):
+        assert network.wait_for_service(f"{ACTION}/_action/get_result", 30.0)
+        report, _ = run.at(SUITE, f"{endpoint},{ACTION}", Level.MOVE, print, seconds=1.0)
     found = {each.id[-3:] for each in report.results if each.outcome is not VerdictOutcome.PASSED}
     assert found == {*left_out}, report.as_text()

@@ -20,7 +20,7 @@ from cardan.protocols.ros2.messages import completed
 from cardan_dds.network import DdsNetwork
 from tests.dds_network import SESSION_OPTIONS, TIMEOUT_S
 from tests.ros2_packages import write_packages
-from tests.serving import ARM_SESSION, free_endpoint, served
+from tests.serving import served, session_on_the_network
 from tests.waiting import done_again, until
 
 pytestmark = pytest.mark.matrix
@@ -33,18 +33,12 @@ MOVE, POSE = "cardan_msgs/action/MovePose", "geometry_msgs/msg/Pose"
 @pytest.fixture(scope="module")
 def domain(tmp_path_factory):
     """Run a session and the server for it; return the DDS domain."""
-    endpoint, number = free_endpoint(), str(SESSION_OPTIONS.dds_domain)
-    file = tmp_path_factory.mktemp("session") / "session.toml"
-    file.write_text(ARM_SESSION.format(endpoint=endpoint))
-    run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "300"]
-    with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
-        try:
-            server = ("net", "server", "dds", "--router", endpoint, "--dds-domain", number)
-            with served(*server, "--services", "*") as ready:
-                assert ready == f"dds/{number}"
-                yield number
-        finally:
-            session.terminate()
+    number = str(SESSION_OPTIONS.dds_domain)
+    with session_on_the_network(tmp_path_factory.mktemp("session")) as endpoint:
+        server = ("net", "server", "dds", "--router", endpoint, "--dds-domain", number)
+        with served(*server, "--services", "*") as ready:
+            assert ready == f"dds/{number}"
+            yield number
 
 
 @contextmanager

@@ -17,15 +17,14 @@ from cardan.gateway.session.terminal_view import plain
 from cardan_filters.listener import DatagramListener
 from tests.conftest import fake_drivers  # noqa: F401 - used by its name
 from tests.gateway.session.test_terminal_view import render, shown
+from tests.serving import free_udp_port
 
 EXAMPLES = Path(cardan_filters.__file__).parent / "examples"
 
 
 @pytest.fixture
 def port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    return free_udp_port()
 
 
 def session(port=None, **options):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 
@@ -19,6 +18,7 @@ from cardan_foxglove.server import Foxglove, FoxgloveOptions, FoxgloveServerOpti
 from foxglove_pair import foxglove_client
 from tests.gateway.servers.bench import WAIT_S
 from tests.gateway.servers.nodes import Parameters
+from tests.serving import free_endpoint
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -61,9 +61,7 @@ class Served:
 @pytest.fixture
 def robot_and_server():
     """A robot's node and the server, after they have discovered each other."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     with (
         BusNetwork(BusOptions(router="", listen=(endpoint,)), "arm") as robot,
         Served(endpoint) as server,

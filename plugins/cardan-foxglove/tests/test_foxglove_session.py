@@ -5,8 +5,6 @@ from __future__ import annotations
 import signal
 import socket
 import struct
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import pytest
@@ -18,8 +16,8 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from foxglove_pair import foxglove_client
-from tests.gateway.servers.bench import WAIT_S
-from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port
+from tests.programs import Program
+from tests.serving import free_tcp_port, session_on_the_network
 
 pytestmark = pytest.mark.matrix
 
@@ -31,27 +29,14 @@ MOVE = "cardan_msgs/srv/MoveTwist"
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """Run the server; return its address."""
-    endpoint = free_endpoint()
-    path = tmp_path_factory.mktemp("foxglove") / "session.toml"
-    path.write_text(ARM_SESSION.format(endpoint=endpoint))
-    cardan = [sys.executable, "-m", "cardan"]
-    serve = ["net", "server", "foxglove", "--router", endpoint, "--port", str(free_tcp_port())]
+    port = str(free_tcp_port())
     with (
-        subprocess.Popen(
-            [*cardan, "run", str(path), "--seconds", "300"], stdout=subprocess.DEVNULL
-        ) as session,
-        subprocess.Popen([*cardan, *serve], stdout=subprocess.PIPE, text=True) as process,
+        session_on_the_network(tmp_path_factory.mktemp("foxglove")) as endpoint,
+        Program("net", "server", "foxglove", "--router", endpoint, "--port", port) as program,
     ):
-        try:
-            said = process.stdout.readline()
-            assert said.startswith("READY ws://127.0.0.1:"), said
-            yield SimpleNamespace(port=int(said.rpartition(":")[2]))
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(WAIT_S) == 0
-        finally:
-            for each in (process, session):
-                each.send_signal(signal.SIGINT)
-                each.wait(WAIT_S)
+        program.wait_for(f"READY ws://127.0.0.1:{port}\n")
+        yield SimpleNamespace(port=int(port))
+        assert program.end(signal.SIGTERM) == 0
 
 
 def decoded(kind, said):

@@ -14,6 +14,7 @@ from cardan_jr3.peer.socketcand import Session, SocketcandHub, frame_line
 from cardan_jr3.protocol import CanFrame
 from tests.serving import in_a_thread
 from tests.sim_peers.backend_shell import BareShell
+from tests.waiting import until
 
 # -- the protocol ----------------------------------------------------------------------------------
 
@@ -145,10 +146,7 @@ def test_every_client_hears_all_others_and_the_board(served):
         b.sock.sendall(b"< send 7A1 4 0 0 48 c2 >")  # gripper command, not acknowledged
         a.expect(b" 000048C2 >")
         assert b"7A1" not in b.heard  # no node receives its own frames
-    end_s = time.monotonic() + 3.0
-    while served.device.gripper_percent != -50.0:
-        assert time.monotonic() < end_s
-        time.sleep(0.005)
+    until(lambda: served.device.gripper_percent == -50.0, "the gripper's motion")
 
 
 def test_a_client_that_goes_or_talks_nonsense_does_not_disturb(served):

@@ -5,7 +5,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 
 import pytest
 
@@ -19,7 +18,8 @@ from cardan.types import DeviceLink
 from cardan_jr3.driver import Jr3, Jr3Options, bus, can_interfaces, device as device_module
 from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
 from cardan_jr3.protocol import CanFrame, Opcode
-from tests.serving import in_a_thread
+from tests.serving import free_tcp_port, free_udp_port, in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
@@ -30,17 +30,8 @@ REST = (0.0,) * 6
 UP = {"boot_s": 0.0}
 
 
-def wait_for(condition, seconds=8.0):
-    """Poll `condition` until it holds; return its value."""
-    end_s = time.monotonic() + seconds
-    while not (value := condition()):
-        assert time.monotonic() < end_s, "the condition did not hold in time"
-        time.sleep(0.005)
-    return value
-
-
 def live(device):
-    return wait_for(lambda: device.state().link is DeviceLink.LIVE)
+    return until(lambda: device.state().link is DeviceLink.LIVE)
 
 
 def zeroed(device):
@@ -55,12 +46,6 @@ def zeroed(device):
 def push(peer, force_n):
     """Replace the script by a constant push."""
     peer.motion.advance = lambda now_s, sensor: sensor.set_wrench((force_n, 0, 0, 0, 0, 0))
-
-
-def free_port(kind):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def need_multicast():
@@ -82,16 +67,14 @@ def drive(device, peer):
         push(peer, 0.0)
         live(device)
         push(peer, 6.0)
-        wait_for(
-            lambda: device.state().link is not DeviceLink.LIVE or device.state().axes[0] > 0.45
-        )
+        until(lambda: device.state().link is not DeviceLink.LIVE or device.state().axes[0] > 0.45)
         state = device.state()
         return state if state.link is DeviceLink.LIVE else None
 
-    state = wait_for(followed, 20.0)
+    state = until(followed)
     assert state.wrench.force.x == pytest.approx(6.0, abs=0.6)
     push(peer, 0.0)
-    wait_for(lambda: device.state().axes == REST and device.state().link is DeviceLink.LIVE)
+    until(lambda: device.state().axes == REST and device.state().link is DeviceLink.LIVE)
 
 
 @pytest.mark.real
@@ -111,7 +94,7 @@ def test_on_a_virtual_bus():
 @pytest.mark.judged(device="JR3", transport="CAN over UDP multicast", by="simulated peer")
 def test_over_udp_multicast():
     need_multicast()
-    port = free_port(socket.SOCK_DGRAM)
+    port = free_udp_port()
     peer = Jr3Peer(Jr3PeerOptions(port=port, script="rest", **UP))
     assert peer.endpoint == f"udp_multicast {GROUP}:{port} node 33"
     options = Jr3Options(interface="udp_multicast", channel=GROUP, port=port)
@@ -125,7 +108,7 @@ def test_over_udp_multicast():
             probe.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             for junk in (b"", b"junk", b"\x81" * 200):
                 probe.sendto(junk, (GROUP, port))
-        wait_for(lambda: device.metrics()["garbled_frames"] >= 2)
+        until(lambda: device.metrics()["garbled_frames"] >= 2)
         live(device)
     # The multicast group returns the driver's own frames, which are not the board's.
     said = {int(name.removeprefix("can "), 16) - 33 for _, sent, name in recorded if not sent}
@@ -158,10 +141,10 @@ def test_zero_over_the_bus():
         assert zeroed(device)  # The call waits for the samples that it needs.
         live(device)
         push(peer, 4.0)
-        wait_for(lambda: (state := device.state()).wrench and state.wrench.force.x > 3.8)
-        wait_for(lambda: zeroed(device))
+        until(lambda: (state := device.state()).wrench and state.wrench.force.x > 3.8)
+        until(lambda: zeroed(device))
         live(device)
-        wait_for(lambda: (state := device.state()).wrench and abs(state.wrench.force.x) < 0.5)
+        until(lambda: (state := device.state()).wrench and abs(state.wrench.force.x) < 0.5)
 
 
 def test_a_power_failure_costs_the_zero():
@@ -175,14 +158,14 @@ def test_a_power_failure_costs_the_zero():
     with in_a_thread(peer), Jr3(Jr3Options(interface="virtual", channel=channel)) as device:
         live(device)
         boots = device.metrics()["boots"]
-        wait_for(lambda: device.metrics()["boots"] == boots + 1)
+        until(lambda: device.metrics()["boots"] == boots + 1)
         assert "zero is lost" in device.state().reason
-        wait_for(lambda: zeroed(device))
+        until(lambda: zeroed(device))
         live(device)
 
 
 def test_a_server_that_goes_is_noticed_and_found_again():
-    port = free_port(socket.SOCK_STREAM)
+    port = free_tcp_port()
     serve = Jr3PeerOptions(serve_socketcand=True, port=port, script="rest", offset=(0.0,) * 6, **UP)
     options = Jr3Options(interface="socketcand", port=port, wait_for_device=True)
     with Jr3(options) as device:
@@ -190,11 +173,11 @@ def test_a_server_that_goes_is_noticed_and_found_again():
         assert f"no socketcand at 127.0.0.1:{port}" in device.state().reason
         with in_a_thread(Jr3Peer(serve)):
             live(device)
-        wait_for(lambda: device.state().link is DeviceLink.LOST)
+        until(lambda: device.state().link is DeviceLink.LOST)
         with in_a_thread(Jr3Peer(serve)):
             # The new board cannot be recognized as the one whose zero was taken.
-            wait_for(lambda: "zero is lost" in device.state().reason)
-            wait_for(lambda: zeroed(device))
+            until(lambda: "zero is lost" in device.state().reason)
+            until(lambda: zeroed(device))
             live(device)
 
 
@@ -363,7 +346,7 @@ def test_the_end_of_a_stream_is_no_silence():
 
 
 def test_socketcand_of_python_can_has_the_stream_that_is_watched():
-    port = free_port(socket.SOCK_STREAM)
+    port = free_tcp_port()
     serve = Jr3PeerOptions(serve_socketcand=True, port=port, script="rest", **UP)
     with in_a_thread(Jr3Peer(serve)):
         opened = bus.open_bus(Jr3Options(interface="socketcand", port=port))
@@ -375,7 +358,7 @@ def test_socketcand_of_python_can_has_the_stream_that_is_watched():
             return True
         return False
 
-    wait_for(ended)
+    until(ended)
     opened.close()
 
 

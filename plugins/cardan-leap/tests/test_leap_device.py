@@ -18,21 +18,13 @@ from cardan_leap.driver.core import STALE_AFTER_S
 from cardan_leap.peer import LeapPeer, LeapPeerOptions
 from cardan_leap.protocol import ClientOptions, Version
 from tests.serving import in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
 DEADLINE_S = 15.0
 
 simulated = pytest.mark.judged(device="Leap Motion", transport="WebSocket", by="simulated peer")
-
-
-def until(condition, what):
-    """Poll until `condition()` is true, and return it."""
-    end_s = time.monotonic() + DEADLINE_S
-    while not (result := condition()):
-        assert time.monotonic() < end_s, f"not in {DEADLINE_S} s: {what}"
-        time.sleep(0.002)
-    return result
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from cardan_leap.peer import LeapPeer, LeapPeerOptions
 from cardan_leap.protocol import TrackingFrame
 from leap_frames import PERIOD_S, PLUGGED, engaged, hand
 from tests.serving import in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
@@ -270,22 +271,19 @@ def test_a_slow_network_ends_in_stale_and_is_left_behind(tmp_path, monkeypatch):
     script = tmp_path / "hand.script"
     script.write_text("0.1 enter right\n1.5 leave right\n1.7 loop\n")
 
-    def until(condition):
-        end_s = time.monotonic() + 15.0
-        while not condition(leap.state()):
-            assert time.monotonic() < end_s, leap.diagnosis()
-            time.sleep(0.002)
+    def until_state(condition):
+        return until(lambda: condition(leap.state()), "the state")
 
     with (
         in_a_thread(LeapPeer(LeapPeerOptions(port=0, script=str(script)))) as peer,
         contextlib.closing(DelayLine(peer.backend.port)) as line,
         Leap(LeapOptions(port=line.port)) as leap,
     ):
-        until(lambda state: "clutch" in state.buttons)
+        until_state(lambda state: "clutch" in state.buttons)
         before = line.connections
         line.delay_s = 0.5
-        until(lambda state: state.link is DeviceLink.STALE and "late" in state.reason)
+        until_state(lambda state: state.link is DeviceLink.STALE and "late" in state.reason)
         assert leap.state().pose is None
-        until(lambda state: "have come late for" in state.reason)
-        until(lambda state: "clutch" in state.buttons)
+        until_state(lambda state: "have come late for" in state.reason)
+        until_state(lambda state: "clutch" in state.buttons)
         assert line.connections > before

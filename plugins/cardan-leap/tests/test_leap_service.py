@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import time
-from contextlib import contextmanager
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -24,10 +23,8 @@ CLOSE_TIMEOUT_S = 0.1
 """Close timeout: this client does not see the end while frames are unread."""
 
 
-@contextmanager
 def serving(script="rest", **options):
-    with in_a_thread(LeapPeer(LeapPeerOptions(port=0, script=script, **options))) as peer:
-        yield peer
+    return in_a_thread(LeapPeer(LeapPeerOptions(port=0, script=script, **options)))
 
 
 def client(peer, path="/v6.json", **options):

@@ -14,6 +14,7 @@ import pytest
 from cardan.errors import ConfigurationError, DeviceNotFoundError
 from cardan_omni import peer as omni
 from cardan_omni.peer import OmniSettings, environment, library_path
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
@@ -179,10 +180,7 @@ def test_a_killed_command_leaves_neither_the_program_nor_a_folder():
         process.kill()
         # The end of the output is the end of the program, which has received the signal.
         assert process.stdout.read() == "told 15\n"
-    until_s = time.monotonic() + 10.0
-    while folder.exists():
-        assert time.monotonic() < until_s
-        time.sleep(0.02)
+    until(lambda: not folder.exists(), "the folder's removal")
 
 
 @compiled

@@ -6,7 +6,6 @@ import socket
 import struct
 import subprocess
 import tempfile
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import pytest
 
 from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
-from tests.waiting import WITHIN_S
+from tests.waiting import WITHIN_S, until
 
 pytestmark = pytest.mark.matrix
 
@@ -54,11 +53,8 @@ def script(tmp_path):
 def listen(folder):
     """Return the daemon's events until the cap is at rest after the release of a button."""
     path = str(folder / "run" / "spnav.sock")
-    end_s = time.monotonic() + PATIENCE_S
     with socket.socket(socket.AF_UNIX) as client:
-        while client.connect_ex(path):
-            assert time.monotonic() < end_s, f"spacenavd serves nothing: {log_of(folder)}"
-            time.sleep(0.01)
+        until(lambda: not client.connect_ex(path), "a connection to spacenavd", PATIENCE_S)
         client.settimeout(PATIENCE_S)
         events = []
         while 2 not in [event[0] for event in events] or any(events[-1][0:7]):

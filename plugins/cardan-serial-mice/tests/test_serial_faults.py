@@ -75,6 +75,13 @@ class Spaceball4000(Serial):
     key = "spaceball-4000"
 
 
+class Spaceball5000(Serial):
+    """Without a row in the README's table."""
+
+    name = "Spaceball 5000, serial"
+    key = "spaceball-5000"
+
+
 class SpaceOrb(Serial):
     name = "SpaceOrb 360, serial"
     key = "spaceorb"
@@ -84,7 +91,7 @@ SUBJECTS = (Magellan, Spaceball2003, Spaceball3003, Spaceball4000, SpaceOrb)
 
 
 @pytest.mark.matrix
-@pytest.mark.parametrize(("kind", "fault"), cases(SUBJECTS))
+@pytest.mark.parametrize(("kind", "fault"), cases((*SUBJECTS, Spaceball5000)))
 def test_neutral_in_time_and_only_neutral_leads_back(kind, fault):
     check_neutral_in_time_and_only_neutral_leads_back(kind, fault)
 

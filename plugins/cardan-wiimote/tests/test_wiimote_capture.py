@@ -25,7 +25,6 @@ from cardan_dissect.capture import Capture
 
 HANDLE = 0x0B
 ADDRESS = bytes.fromhex("001f32abcdef")
-BUTTONS_A = bytes.fromhex("a1 30 00 08")
 HOST_CONTROL, HOST_INTERRUPT, REMOTE_CONTROL, REMOTE_INTERRUPT = 0x40, 0x41, 0x41, 0x40
 """Channel ids of one side may equal those of the other side's other channel, as here."""
 

@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from contextlib import contextmanager
 
 import pytest
@@ -20,7 +19,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from tests.dds_network import OPTIONS
 from tests.gateway.bus.asker import SERVICE, slow_twist
 from tests.serving import PATIENT, free_endpoint, served as router
-from tests.waiting import WITHIN_S
+from tests.waiting import WITHIN_S, until
 
 pytestmark = pytest.mark.matrix
 
@@ -84,12 +83,6 @@ class Served:
     def rests(self):
         return self.phase in (Phase.HOLDING, Phase.DISARMED)
 
-    def until(self, condition):
-        end_s = time.monotonic() + TIMEOUT_S
-        while not condition():
-            assert time.monotonic() < end_s, self.phase
-            time.sleep(0.005)
-
 
 @contextmanager
 def served(endpoint="", **network):
@@ -127,9 +120,9 @@ def asking(here, way, mode="peer", endpoint=""):
 @pytest.mark.parametrize("way", ["topic", "service", "remote"])
 def test_the_arm_brakes_when_who_asked_for_movv_is_killed(way):
     with served() as here, asking(here, way) as process:
-        here.until(lambda: here.phase is Phase.MOVING)
+        until(lambda: here.phase is Phase.MOVING)
         process.send_signal(signal.SIGKILL)
-        here.until(lambda: here.rests)
+        until(lambda: here.rests)
         with network_arm(options=BusOptions(router=here.endpoint)) as arm:
             assert arm.status().message == GONE
         if way == "topic":
@@ -143,18 +136,18 @@ def test_who_asks_through_a_router_is_missed_as_well(mode):
         served(endpoint, router=endpoint) as here,
         asking(here, "remote", mode) as process,
     ):
-        here.until(lambda: here.phase is Phase.MOVING)
+        until(lambda: here.phase is Phase.MOVING)
         process.send_signal(signal.SIGKILL)
-        here.until(lambda: here.rests)
+        until(lambda: here.rests)
 
 
 @pytest.mark.real
 def test_a_stopped_process_is_gone_after_its_lease():
     with served() as here, asking(here, "topic") as process:
-        here.until(lambda: here.phase is Phase.MOVING)
+        until(lambda: here.phase is Phase.MOVING)
         process.send_signal(signal.SIGSTOP)
         try:
-            here.until(lambda: here.rests)
+            until(lambda: here.rests)
         finally:
             process.send_signal(signal.SIGCONT)
 
@@ -165,9 +158,9 @@ def test_the_arm_brakes_when_the_client_of_a_server_is_gone_and_the_server_stays
         assert server.wait_for_service(f"{ARM}/movv", TIMEOUT_S)
         client = server.part("client")
         client.call(f"{ARM}/movv", SERVICE, request, lambda _reply: None, TIMEOUT_S)
-        here.until(lambda: here.phase is Phase.MOVING)
+        until(lambda: here.phase is Phase.MOVING)
         client.close()
-        here.until(lambda: here.rests)
+        until(lambda: here.rests)
         assert not server.lonely()
 
 
@@ -185,7 +178,7 @@ def on_dds():
 @pytest.mark.parametrize("way", ["topic", "service"])
 def test_the_arm_brakes_when_a_participant_on_dds_leaves(way):
     with on_dds() as (here, there), asking(here, way, endpoint=there) as process:
-        here.until(lambda: here.phase is Phase.MOVING)
+        until(lambda: here.phase is Phase.MOVING)
         process.stdin.close()
-        here.until(lambda: here.rests)
+        until(lambda: here.rests)
         assert process.wait(TIMEOUT_S) == 0

@@ -52,10 +52,13 @@ def movv(user, **how):
     user.publish(default_message(TWIST), **how)
 
 
-def test_a_motion_without_end_lasts_as_long_as_its_publisher():
+@pytest.mark.parametrize(
+    "how", [{}, {"attached": False, "stamp": Stamp("b0")}], ids=["its token", "its session"]
+)
+def test_a_motion_without_end_lasts_as_long_as_its_publisher(how):
     bench = Bench()
     user = bench.user("~/command/movv")
-    movv(user)
+    movv(user, **how)
     bench.cycle()
     (request,) = bench.requests
     assert request.verb == "movv"
@@ -71,18 +74,6 @@ def test_the_token_of_a_new_publisher_counts_before_its_message():
     movv(bench.user("~/command/movv"))  # token and message arrive in one cycle
     bench.cycle()
     assert bench.requests[0].there()
-
-
-def test_a_publisher_without_a_known_gid_is_watched_by_its_session():
-    bench = Bench()
-    user = bench.user("~/command/movv")
-    movv(user, attached=False, stamp=Stamp("b0"))
-    bench.cycle()
-    (request,) = bench.requests
-    assert request.there()
-    user.leave()
-    bench.cycle()
-    assert not request.there()
 
 
 @pytest.mark.parametrize("stamp", [None, Stamp(OWN), Stamp("c0")], ids=["none", "ours", "router's"])

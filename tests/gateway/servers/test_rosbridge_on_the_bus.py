@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 
 import pytest
@@ -15,6 +14,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.servers.bench import WAIT_S, plain_client, rosbridge
+from tests.serving import free_endpoint
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -34,9 +34,7 @@ def repeat(publisher, over):
 @pytest.fixture
 def nodes():
     """A robot's node and the server's node, after they have discovered each other."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     with (
         BusNetwork(BusOptions(router="", listen=(endpoint,)), "robot") as robot,
         BusNetwork(BusOptions(router=endpoint, listen=()), "rosbridge") as server,

@@ -6,8 +6,6 @@ from __future__ import annotations
 import json
 import os
 import queue
-import subprocess
-import sys
 import time
 
 import pytest
@@ -23,7 +21,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.protocols.ros2.actions import CANCEL_TYPE, GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.serving import ARM_SESSION, free_endpoint, served
+from tests.serving import served, session_on_the_network
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -44,15 +42,8 @@ WATCHED_S = 1.0
 @pytest.fixture(scope="module")
 def endpoint(tmp_path_factory):
     """Options of a session's network."""
-    endpoint = free_endpoint()
-    file = tmp_path_factory.mktemp("session") / "session.toml"
-    file.write_text(ARM_SESSION.format(endpoint=endpoint))
-    run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "300"]
-    with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
-        try:
-            yield endpoint
-        finally:
-            session.terminate()
+    with session_on_the_network(tmp_path_factory.mktemp("session")) as endpoint:
+        yield endpoint
 
 
 def ask(network, name, kind, **request):

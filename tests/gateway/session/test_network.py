@@ -3,7 +3,6 @@
 import itertools
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -23,7 +22,7 @@ from cardan.protocols.ros2.messages import completed  # noqa: E402
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment  # noqa: E402
 from cardan.robots import load_arm  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
-from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
+from tests.serving import ARM_SESSION, session_on_the_network  # noqa: E402
 from tests.sweep.world import stamp_s  # noqa: E402
 from tests.waiting import WITHIN_S, done_again, until, until_streamed  # noqa: E402
 
@@ -173,39 +172,30 @@ class User:
     def wait_for_authority(self):
         """Wait until no other source has the arm: a source that left keeps it until its lease
         ends."""
-        topic = f"{ARM}/state/status"
-        self.heard(topic)
-        until(
-            lambda: any(each["authority"] in ("", "ros2 /user") for each in self.heard(topic)),
-            "the end of the lease",
-        )
+        self.wait_for_status("the end of the lease", authority=("", "ros2 /user"))
 
     def rest(self):
         """Stop the motion, and wait until the arm is at rest."""
         assert self.call("stop", "std_srvs/srv/Trigger")["success"]
+        self.wait_for_status("the rest", phase=("disarmed", "holding"))
+
+    def wait_for_status(self, what, **values):
+        """Wait until a new status of the arm has one of the values of a field."""
+        ((field, allowed),) = values.items()
         topic = f"{ARM}/state/status"
         self.heard(topic)
-        until(
-            lambda: any(each["phase"] in ("disarmed", "holding") for each in self.heard(topic)),
-            "the rest",
-        )
+        until(lambda: any(each[field] in allowed for each in self.heard(topic)), what)
 
 
 @pytest.fixture(scope="module")
 def user(tmp_path_factory):
-    endpoint = free_endpoint()
-    path = tmp_path_factory.mktemp("network") / "session.toml"
-    path.write_text(SESSION.format(endpoint=endpoint))
-    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "300"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
+    with session_on_the_network(tmp_path_factory.mktemp("network"), SESSION) as endpoint:
         found = User(endpoint)
         try:
             found.open()
             yield found
         finally:
             found.close()
-            session.send_signal(signal.SIGINT)
-            session.wait(TIMEOUT_S)
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,6 @@ roslibpy stores all of them and sends the oldest first."""
 from __future__ import annotations
 
 import math
-import signal
 import subprocess
 import sys
 import time
@@ -19,7 +18,7 @@ from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port
+from tests.serving import free_tcp_port, session_on_the_network
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -115,21 +114,15 @@ class Watcher:
 
 @pytest.fixture(scope="module")
 def watcher(tmp_path_factory):
-    endpoint = free_endpoint()
-    file = tmp_path_factory.mktemp("session") / "session.toml"
     names = 'other_names = ["servo", "cmd_vel"]\n'
-    file.write_text(ARM_SESSION.format(endpoint=endpoint) + names)
-    run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "600"]
-    with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
-        node = BusNode(BusOptions(router=endpoint, listen=()), "watcher")
-        try:
-            with node:
-                found = Watcher(node)
-                found.endpoint = endpoint
-                until(found.where, "the arm")
-                yield found
-        finally:
-            session.send_signal(signal.SIGTERM)
+    with (
+        session_on_the_network(tmp_path_factory.mktemp("session"), more=names) as endpoint,
+        BusNode(BusOptions(router=endpoint, listen=()), "watcher") as node,
+    ):
+        found = Watcher(node)
+        found.endpoint = endpoint
+        until(found.where, "the arm")
+        yield found
 
 
 class Server:

@@ -204,11 +204,12 @@ def test_what_a_source_asked_for_before_it_gave_up_its_authority_does_not_begin(
     assert bench.heard("movj")[1].outcome is Outcome.RUNNING
 
 
-def test_a_stream_does_not_begin_when_its_source_gave_up_its_authority_meanwhile(bench):
+@pytest.mark.parametrize("meanwhile", ["release", "stop"])
+def test_a_stream_does_not_begin_when_its_source_released_or_stopped_the_arm(bench, meanwhile):
     bench.plan(1, source="b")
     client = Watched()
     bench.worker.offer(client, Request(1, "a", "twist", POSE, begins=Begins.NEW), bench.now_s)
-    bench.ask(2, "release", source="a")
+    bench.ask(2, meanwhile, source="a")
     assert bench.heard() == (2, None)
     bench.verbs.go_on.set()
     assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
@@ -467,18 +468,6 @@ def test_the_commands_of_a_stream_that_begins_keep_their_order(bench):
     assert [stamp_s for stamp_s, _ in bench.verbs.given] == [1.0, 2.0]
     bench.worker.offer(client, first._replace(stamp_s=3.0), bench.now_s)
     assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
-
-
-def test_a_stream_does_not_begin_when_the_arm_was_stopped_meanwhile(bench):
-    bench.plan(1)
-    client = Watched()
-    stream = Request(1, "ros2", "twist", POSE, begins=Begins.NEW)
-    bench.worker.offer(client, stream, bench.now_s)
-    bench.ask(2, "stop")
-    assert bench.heard() == (2, None)
-    bench.verbs.go_on.set()
-    assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
-    assert bench.verbs.streamed == []
 
 
 def test_a_motion_that_ends_by_itself_outlives_who_asked_for_it(bench):

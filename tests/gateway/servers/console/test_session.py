@@ -4,8 +4,6 @@ hold ends the motion."""
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import threading
 import time
 
@@ -18,7 +16,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from tests.gateway.servers.bench import WAIT_S
 from tests.gateway.servers.console.bench import console, page_program
-from tests.serving import ARM_SESSION, free_endpoint
+from tests.serving import session_on_the_network
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -32,19 +30,13 @@ FRAME_S = 0.016
 def running(tmp_path_factory):
     """A console server for a session."""
     folder = tmp_path_factory.mktemp("console")
-    endpoint = free_endpoint()
-    path = folder / "session.toml"
-    path.write_text(ARM_SESSION.format(endpoint=endpoint))
-    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "300"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
-        try:
-            with BusNetwork(BusOptions(router=endpoint), "console") as network:
-                assert network.wait_for_service(f"{ARM}/ask", WAIT_S)
-                with console(network, folder) as running:
-                    yield running
-        finally:
-            session.terminate()
-            session.wait(WAIT_S)
+    with (
+        session_on_the_network(folder) as endpoint,
+        BusNetwork(BusOptions(router=endpoint), "console") as network,
+    ):
+        assert network.wait_for_service(f"{ARM}/ask", WAIT_S)
+        with console(network, folder) as running:
+            yield running
 
 
 class Watcher(threading.Thread):
