@@ -242,7 +242,7 @@ class Operator:
             self.position = [min(max(p + by, -3.0), 3.0) for p, by in moved]
             self.orientation = random_turn(choice, self.orientation, far)
         w, x, y, z = self.orientation
-        length = choice.choice((1.0, 1.0, -1.0, 1.0 + 1e-9, 1.005))
+        length = choice.choice((*(1.0, 1.0, -1.0, 1.0 + 1e-9, 1.005) * 4, 0.9, 1.1))
         orientation = Quaternion(w * length, x * length, y * length, z * length)
         pose = Pose(Vector3(*self.position), orientation, self._frame())
         return PoseCommand(pose, self._twist(far) if said else None)

@@ -8,15 +8,18 @@ import itertools
 import math
 import os
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions, address, driver as driver_module
+from cardan.drivers.robot_core import WAKE_S
 from cardan.errors import AddressError, CommandError, DriverError, NotOpenError
 from cardan.protocols.egm.messages import EgmMeasuredForce, EgmRapidData
 from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotLink, RobotState
@@ -75,6 +78,19 @@ def peer(robot: AbbEgm) -> Iterator[Peer]:
     peer = Peer(robot)
     yield peer
     peer.socket.close()
+
+
+@pytest.fixture
+def waits_ms(robot: AbbEgm, monkeypatch: pytest.MonkeyPatch) -> set[float]:
+    """Longest waits that the driver asks poll() for."""
+    asked, poll = set[float](), robot._poll.poll
+
+    def asking(longest_ms: float) -> list[tuple[int, int]]:
+        asked.add(longest_ms)
+        return poll(longest_ms)
+
+    monkeypatch.setattr(robot, "_poll", SimpleNamespace(poll=asking))
+    return asked
 
 
 @pytest.fixture
@@ -268,7 +284,11 @@ class TestLoop:
         assert robot.metrics()["superseded"] == 60
 
     def test_what_cannot_have_waited_for_a_period_is_answered_at_once(
-        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+        self,
+        robot: AbbEgm,
+        peer: Peer,
+        waits_ms: set[float],
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         now_s = [1e6]
         monkeypatch.setattr(driver_module, "_monotonic", lambda: now_s[0])
@@ -283,6 +303,7 @@ class TestLoop:
             assert next(cycles).sequence == newest
             robot.send(FAST)
         assert robot.metrics()["superseded"] == 1
+        assert waits_ms == {0}
 
     def test_only_the_first_controller_is_answered(self, robot: AbbEgm, peer: Peer) -> None:
         cycles = robot.cycles()
@@ -300,7 +321,9 @@ class TestLoop:
         assert robot.metrics()["foreign"] == 1
         other.socket.close()
 
-    def test_a_newer_loop_ends_the_one_before(self, robot: AbbEgm, peer: Peer) -> None:
+    def test_a_newer_loop_ends_the_one_before(
+        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         old = robot.cycles()
         peer.say()
         next(old)
@@ -310,6 +333,15 @@ class TestLoop:
         assert list(old) == []
         robot.send(HoldCommand())
         assert len(peer.rest()) <= 2
+
+        def hear_until_it_is_left() -> RobotState | None:
+            robot.cycles()
+            return hear()
+
+        hear = robot._hear
+        monkeypatch.setattr(robot, "_hear", hear_until_it_is_left)
+        peer.say()
+        assert list(new) == []
 
     def test_an_answer_that_cannot_leave_is_counted(self, robot: AbbEgm, peer: Peer) -> None:
         cycles = robot.cycles()
@@ -438,7 +470,11 @@ class TestLeaving:
         assert robot.metrics()["late_commands"] == 1
 
     def test_a_controller_that_fell_silent_long_ago_is_sent_nothing(
-        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+        self,
+        robot: AbbEgm,
+        peer: Peer,
+        waits_ms: set[float],
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         cycles = robot.cycles()
         run(robot, peer, cycles, 30)
@@ -457,6 +493,7 @@ class TestLeaving:
         assert robot.metrics()["answers"] == 30
         assert robot.metrics()["final_commands"] == 0
         assert robot.metrics()["reply_latency_max_s"] < 0.2
+        assert waits_ms == {0, 1e3 * robot.options.lost_after_s}
 
     def test_a_last_message_is_no_answer(self, robot: AbbEgm, peer: Peer) -> None:
         cycles = robot.cycles()
@@ -572,7 +609,8 @@ class TestOpening:
     @pytest.mark.parametrize(
         ("error", "words"),
         [
-            (PermissionError(errno.EACCES, "Permission denied"), "privileged"),
+            (PermissionError(errno.EACCES, "Permission denied"), "port 80 .* privileged"),
+            (PermissionError(errno.EACCES, "denied"), "port 1024 .* cannot be used: denied"),
             (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), "not a known IPv4"),
             (OSError(errno.ENOBUFS, "No buffer space available"), "No buffer space"),
         ],
@@ -586,11 +624,15 @@ class TestOpening:
 
         monkeypatch.setattr(socket, "socket", Refusing)
         with pytest.raises(AddressError, match=words):
-            address.bind_udp("127.0.0.1", 80)
+            address.bind_udp("127.0.0.1", 1024 if "1024" in words else 80)
 
-    def test_the_loop_waits_in_the_socket_itself(self) -> None:
-        with address.bind_udp("127.0.0.1", 0) as sock:
+    @pytest.mark.parametrize("silence_s", [0.05, 0.5])
+    def test_the_loop_waits_in_the_socket_itself(self, silence_s: float) -> None:
+        with AbbEgm(listen_port=0, silence_s=silence_s) as robot:
+            sock = robot._open_socket()
             assert sock.getblocking()
+            waits = struct.unpack("@ll", sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, 16))
+            assert waits == pytest.approx((0, 1e6 * min(silence_s, WAKE_S)), abs=1e4)
 
     def test_a_controller_given_by_name_is_the_only_one(self) -> None:
         options = AbbEgmOptions(listen_port=0, mode="joint", controller_host="localhost")

@@ -204,7 +204,11 @@ class TestPinning:
         bench.session.tick(bench.now_s + 5.0)
         bench.now_s += 5.0
         assert bench.hear(("192.168.125.77", PEER[1])) is None
-        assert bench.session.counters.foreign == 2
+        for _ in range(2):
+            assert bench.hear(PEER) is not None
+            assert bench.hear(("192.168.125.77", PEER[1])) is None
+        assert bench.session.counters.foreign == 4
+        assert not bench.session.last_foreign_counts_on
         assert bench.session.peer == PEER
         assert "192.168.125.77:51000" in " ".join(bench.session.diagnosis(bench.now_s))
 
@@ -781,6 +785,7 @@ class TestCommands:
         for _ in range(100):
             answer = bench.cycle(JointVelocityCommand((1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
         assert speeds_of(answer)[0] <= 0.1  # type: ignore[index]
+        assert bench.session.slow_motion.commanded == 0.0  # No position is commanded.
 
     def test_speed_only_twist(self) -> None:
         bench = Bench(mode="pose", speed_reference="only", workspace_lower_m=(0.0, -1.0, 0.0),
@@ -811,6 +816,16 @@ class TestCommands:
         assert first.pos == (0.0, 0.0, 0.0)
         assert last.pos == pytest.approx((0.0, 0.005, -0.02), abs=1e-6)
         assert last.age_ms == round(1.4 * 39)
+        bench.controller.seqno = 0
+        bench.hear()
+        begun_anew = decode_from_pc(bench.session.reply(HOLD, bench.now_s))
+        assert isinstance(begun_anew, EgmSensorPathCorr)
+        assert begun_anew.age_ms == 0
+        offset = Vector3(0.0, 0.0, 0.0)
+        bench.session.check(PathCorrectionCommand(offset, 4294967.295))
+        for wrong_s in (-1e-6, 4294967.296):
+            with pytest.raises(CommandError, match="age_s"):
+                bench.session.check(PathCorrectionCommand(offset, wrong_s))
         assert last.header is not None
         assert last.header.mtype == EgmMessageType.PATH_CORRECTION
         with pytest.raises(CommandError, match="outputs"):
@@ -860,23 +875,63 @@ class TestStopping:
         assert 0.0 < held[0] < speed
         assert bench.session.counters.driver_holds == 1
 
-    def test_a_late_command_brakes_from_what_the_controller_does_by_itself(self) -> None:
+    @pytest.mark.parametrize("noise_rad", [0.0, 0.003])
+    def test_a_late_command_brakes_from_what_the_controller_does_by_itself(
+        self, noise_rad: float
+    ) -> None:
         bench = Bench().started()
         for _ in range(100):
             bench.cycle(joint_target(1.5))
         # The application is silent for half a second; the robot moves on.
         speed = math.radians(90.0)
         first, *rest = bench.controller.joints
-        for _ in range(120):
+        for k in range(120):
             first += speed * PERIOD_S
-            bench.controller.joints = (first, *rest)
+            if k == 119:  # A datagram is lost, and the controller's clock does not show it.
+                first += speed * PERIOD_S
+                bench.controller.seqno += 1
+            # Measurements have noise; the plan of the controller has none.
+            bench.controller.fields["planned"] = EgmMotion(joints=(first, *rest))
+            bench.controller.joints = (first + noise_rad * (-1) ** k, *rest)
             bench.hear()
         answer = bench.session.reply(joint_target(1.5), bench.now_s + 0.2)
         slower = speeds_of(answer)[0]  # type: ignore[index]
         assert 0.0 < speed - slower <= math.radians(720.0) * PERIOD_S + 1e-9
         assert joints_in(answer)[0] == pytest.approx(first + slower * PERIOD_S)
         assert bench.session.counters.late_commands == 1
-        assert "the application is slow" in " ".join(bench.session.diagnosis(bench.now_s))
+        bench.session.answered(bench.now_s + 0.2)
+        metrics = bench.session.metrics()
+        assert metrics["reply_latency_median_s"] == pytest.approx(1e-4, rel=0.1)
+        assert metrics["reply_latency_max_s"] == pytest.approx(0.2)
+        words = " ".join(bench.session.diagnosis(bench.now_s))
+        assert "half of the answers left within 0.1 ms of their datagram, 99 % within " in words
+        assert "the slowest after 200 ms; 1 times it was too late" in words
+
+    @pytest.mark.parametrize("mode", ["joint", "pose"])
+    def test_missed_cycles_are_not_made_up_for(self, mode: str) -> None:
+        bench = Bench(mode=mode).started()
+        speed, target, fastest = 0.1, 0.0, 0.0
+        still = Vector3(0.0, 0.0, 0.0)
+        for k in range(120):
+            if k == 60:  # Meanwhile the robot moves at a fifth of the speed.
+                bench.now_s += 10.0 * PERIOD_S
+                bench.controller.clock_us += round(1e7 * PERIOD_S)
+                bench.controller.seqno += 10
+                target += 10.0 * speed * PERIOD_S
+                way = 2.0 * speed * PERIOD_S
+                first, *rest = bench.controller.joints
+                bench.controller.joints = (first + way, *rest)
+                x, y, z = bench.controller.position
+                bench.controller.position = Vector3(x + way, y, z)
+            target += speed * PERIOD_S
+            command: RobotCommand = JointCommand((target, *HOME[1:]), (speed, *ZEROS[1:]))
+            if mode == "pose":
+                twist = Twist(Vector3(speed, 0.0, 0.0), still)
+                command = PoseCommand(pose_target(target).pose, twist)
+            speeds = speeds_of(bench.cycle(command))
+            assert speeds is not None
+            fastest = max(fastest, speeds[0]) if k > 60 else 0.0
+        assert fastest == pytest.approx(speed)
 
     def test_a_late_pose_command_brakes_likewise(self) -> None:
         bench = Bench(mode="pose").started()
@@ -1341,6 +1396,12 @@ class TestInsight:
         bench.controller.seqno = 0
         bench.cycle()
         assert "2 sessions" in self.words(bench)
+        for _ in range(5):
+            bench.cycle(joint_target(1.5))
+        bench.controller.seqno = 0
+        bench.cycle()
+        assert bench.session.sessions == 3
+        assert bench.session.handover is None  # It is still the same port.
 
     @pytest.mark.parametrize(
         ("fields", "profile"),

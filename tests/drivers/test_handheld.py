@@ -1,11 +1,13 @@
 """Phones and headset controllers: mapping of device motion, and causes of disarming."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
 from cardan.demos.examples import free_ports
 from cardan.drivers.bus_devices import Phone, Xr
+from cardan.drivers.bus_devices.device import RUMBLE_AGAIN_S, Rumbler
 from cardan.drivers.handheld import HandheldOptions, PhoneOptions, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.protocols.handheld.frames import BodyPart, GamepadFrame, OperatorFrame, encode_frame
@@ -57,6 +59,11 @@ def test_a_hand_that_is_not_held_deflects_nothing(kind):
     bench.run(0.2)
     expected = (0.0,) * 6 if kind == "xr" else (*HALF[:3], 0, 0, 0)
     assert bench.state.axes == pytest.approx(expected, abs=0.01)
+    bench.device.release("hold")
+    bench.run(0.2, NEUTRAL)
+    bench.device.press("hold")
+    bench.run(0.2)
+    assert bench.state.axes == pytest.approx(NEUTRAL, abs=0.01)
 
 
 def test_the_way_up_of_a_controller_is_up():
@@ -224,6 +231,8 @@ def test_silence_disarms_within_its_time_and_old_frames_do_not_help(kind):
         bench.run(0.002)
     assert bench.now_s - began_s <= 0.155
     assert bench.state.link is DeviceLink.STALE
+    assert bench.state.inertia is None
+    assert bench.core.metrics(bench.now_s)["silences"] == 1
     bench.device.resume()
     bench.device.age_s = 0.2
     bench.run(0.5)
@@ -407,6 +416,28 @@ def test_options_that_are_none_are_refused(kind, key, value):
         kind(**{key: value})
 
 
+# -- rumble ---------------------------------------------------------------------------------------
+
+
+def test_a_rumble_is_repeated_while_it_lasts():
+    sent = []
+    rumbler = Rumbler(SimpleNamespace(put=lambda data, stamp_ns: sent.append(data)))
+    for now_s, level, messages in (
+        (0.0, 0.0, 0),
+        (0.1, 0.5, 1),
+        (0.1 + 0.9 * RUMBLE_AGAIN_S, 0.5, 1),
+        (0.1 + RUMBLE_AGAIN_S, 0.5, 2),
+        (0.1 + RUMBLE_AGAIN_S, 1.0, 3),
+        (9.0, 0.0, 4),
+        (99.0, 0.0, 4),
+    ):
+        rumbler.level = level
+        rumbler.run_due(now_s)
+        assert len(sent) == messages
+    rumbler.end()
+    assert len(sent) == 4
+
+
 # -- on the bus -----------------------------------------------------------------------------------
 
 
@@ -425,6 +456,7 @@ def test_a_page_on_the_bus_moves_and_feels(driver, options):
         until(lambda: peer.device.rumble == 0.5, "the peer vibrates")
         assert device.capabilities.gives_pose
         assert "hold" in device.capabilities.buttons
+        assert device.capabilities.feedback == {"rumble"}
 
 
 @pytest.mark.matrix

@@ -113,7 +113,9 @@ def test_unknown_numbers_are_given() -> None:
     assert "4711" in reply_in_words(4711, MotionResult.SUCCESS, 0)
     assert "unknown result 99" in reply_in_words(MotionCommand.STOP_MOTION, 99, 0)
     assert "5099" in reply_in_words(MotionCommand.START_TRAJ_MODE, MotionResult.NOT_READY, 5099)
-    assert "77" in reply_in_words(MotionCommand.START_SERVOS, MotionResult.FAILURE, 77)
+    for subcode, said in ((77, True), (1, True), (0, False), (-1, False)):
+        words = reply_in_words(MotionCommand.START_SERVOS, MotionResult.FAILURE, subcode)
+        assert (f"(subcode {subcode})" in words) is said
     assert "1099" in io_result_in_words(1099)
 
 

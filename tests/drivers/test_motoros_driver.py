@@ -183,15 +183,17 @@ def test_inputs_and_outputs_are_beside_the_loop():
         assert robot.io is robot.io
 
 
-def test_a_record_is_written_at_close(tmp_path):
+@pytest.mark.parametrize("mode", ["stream", "velocity"])
+def test_a_record_is_written_at_close(tmp_path, mode):
     path = tmp_path / "record.csv"
-    options = {"mode": "stream", "enable": "at-start", "record": str(path)}
+    options = {"mode": mode, "enable": "at-start", "record": str(path)}
     with controller() as peer, driver(peer, **options) as robot:
         run(robot, TURN, lambda state: bool(state.joints) and state.joints[0] > 0.02)
     rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-    assert {row["kind"] for row in rows} == {"feedback", "start", "point"}
+    kinds = ["point", "start"] if mode == "stream" else ["velocity"]
+    assert {row["kind"] for row in rows} == {"feedback", *kinds}
     assert float(rows[-1]["monotonic_s"]) > float(rows[0]["monotonic_s"])
-    points = [row for row in rows if row["kind"] == "point"]
+    points = [row for row in rows if row["kind"] == kinds[0]]
     assert float(points[-1]["commanded_1_rad"]) > 0.02
 
 

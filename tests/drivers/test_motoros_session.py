@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion import START_TRIES
-from cardan.drivers.motoros.motion_control import MotionPhase
+from cardan.drivers.motoros.motion_control import STOP_TRIES, MotionPhase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.errors import CommandError
@@ -159,7 +159,7 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
     run = bench(mode).run(0.5)
     before = run.session.sessions
     run.ready()
-    assert run.session.sessions == before + 1
+    assert (before, run.session.sessions) == (1, 2)
     start = run.controller.measured_rad(0)
     target = (start[0] + 0.2, start[1] - 0.1, *start[2:])
     run.answer = lambda state: JointCommand(target)
@@ -498,6 +498,18 @@ def test_another_arm_than_the_controllers_is_refused():
     assert "axes" in run.states[-1].hold_reason
 
 
+def test_what_hinders_a_start_is_said_before_it():
+    run = bench("stream").run(0.5)
+    run.session.feed.other_axis = 8
+    assert "axis 8 of group 0 is not at zero" in run.session.control.hold_reason
+    run.session.feed.other_axis = 0
+    # A value that the controller does not report hinders nothing.
+    run.session.feed.status = STATUS._replace(motion_possible=0, mode=-1, drives_powered=0)
+    assert run.session.control.hold_reason == "motion is not enabled"
+    run.session.feed.status = STATUS._replace(motion_possible=0, e_stopped=1)
+    assert "emergency stop" in run.session.control.hold_reason
+
+
 def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
     def greet(run):
         return run.run(1.0, until=lambda: run.session.phase is MotionPhase.GREETING)
@@ -550,6 +562,30 @@ def test_braking_that_nobody_answers_ends_all_the_same(mode):
     where = run.controller.command_rad(0)
     run.run(0.5)
     assert run.controller.command_rad(0) == where
+
+
+def test_a_refused_end_of_a_mode_is_tried_again_so_often(monkeypatch):
+    run = turning(bench("velocity").ready()).run(0.5)
+    control, asked = run.session.control, []
+    send = control.requests.control
+    with monkeypatch.context() as refusing:
+        refusing.setattr(control, "_failure", lambda answer: "refused")
+        refusing.setattr(
+            control.requests, "control", lambda *request: asked.append(request[0]) or send(*request)
+        )
+        run.session.disable(run.now_s)
+        run.run(3.0, until=lambda: run.session.phase is MotionPhase.IDLE)
+    ways = (MotionCommand.STOP_VEL_MODE, MotionCommand.STOP_TRAJ_MODE)
+    assert asked == [way for way in ways for _ in range(STOP_TRIES + 1)]
+    assert "refused" in run.session.diagnosis(run.now_s)
+    # A stop ends these tries, too: none of them disturbs the next start.
+    turning(run.ready()).run(0.3)
+    run.session.disable(run.now_s)
+    with monkeypatch.context() as refusing:
+        refusing.setattr(control, "_failure", lambda answer: "refused")
+        run.run(5.0, until=lambda: control.phase is MotionPhase.LEAVING and control.requests.idle)
+    run.session.stop(run.now_s)
+    assert run.ready(0.5).states[-1].ready
 
 
 @pytest.mark.parametrize("trust", [True, False])
@@ -741,6 +777,21 @@ def test_a_feedback_that_no_robot_measures_is_ignored():
     assert feed.ignored == {"a feedback that is beyond any joint's range": 1}
     hear(0.5, 1e9, 1.2)
     assert (feed.velocities, feed.feedback_s) == ((), 1.2)
+
+
+@pytest.mark.parametrize("good", ["status", "feedback"])
+def test_bad_messages_in_a_row_end_a_connection(good):
+    feed = StateFeed(MotorosOptions())
+    body = JointFeedback(0, 6, 0.0, ZEROS, ZEROS, ZEROS)
+    bad, fine = body._replace(valid_fields=0), STATUS if good == "status" else body
+    for end in (feed.connected, lambda: feed.received(wire().encode(topic(fine)), 1.0), None):
+        for _ in range(7):
+            feed.received(wire().encode(topic(bad)), 1.0)
+        assert not feed.failure
+        if end is not None:
+            end()
+    feed.received(wire().encode(topic(bad)), 1.0)
+    assert "8 bad messages" in feed.failure
 
 
 @settings(max_examples=examples(60))

@@ -151,6 +151,11 @@ class TestPointStream:
         bench.motion.advance(bench.now_s + 0.01)
         bench.serve()
         assert bench.points == []
+        for ends in (False, True):
+            bench.now_s += 0.06
+            bench.publish(motion_possible=0)
+            bench.motion.advance(bench.now_s)
+            assert bench.motion.ended == ("the controller does not allow motion" if ends else "")
 
     def test_a_robot_that_never_rests_is_given_up(self):
         bench = Bench(PointStream)
@@ -214,6 +219,16 @@ class TestPointStream:
         assert bench.motion.ended == ""
         assert bench.motion.waiting == ""
         assert bench.accepted()[0].pos[0] == pytest.approx(0.15)
+        # After an underrun a new trajectory may be refused as often as the first one.
+        turn = JointVelocityCommand((0.5,) + (0.0,) * 5)
+        bench.run(0.3, turn, 2.5e-4)
+        bench.now_s += 0.5
+        bench.run(0.1, turn, 2.5e-4)
+        bench.verdicts = [INVALID, INVALID]
+        for _ in range(3):
+            bench.start()
+        assert bench.motion.ended == ""
+        assert bench.points[-1][2] == SUCCESS
 
     def test_a_start_that_is_refused_for_ever_ends(self):
         bench = Bench(PointStream)
@@ -340,6 +355,8 @@ class TestVelocityStream:
         assert all(body.valid_fields == 13 for body in bodies)
         assert all(body.acc == joints10(bench.guide.accelerations) for body in bodies)
         assert bodies[-1].vel[0] == pytest.approx(0.2)
+        bench.run(0.4, JointVelocityCommand((9e-6,) * 6), 2e-4)
+        assert bench.velocities[-1][1].vel == joints10(())
         for a, b in pairwise(bodies):
             assert abs(b.vel[0] - a.vel[0]) <= 10.0 * 0.0041
 
@@ -378,6 +395,18 @@ class TestVelocityStream:
         assert bench.guide.reference == pytest.approx(bench.position, abs=0.0041)
         assert all(body.vel == joints10(()) for _, body in bench.velocities)
         assert not bench.motion.ended
+
+    def test_the_faster_the_guide_moves_the_faster_it_is_set(self):
+        bench = self.start()
+        turn = JointVelocityCommand((0.2,) + (0.0,) * 5)
+        bench.run(0.4, turn)
+        for _ in range(40):
+            before = bench.guide.reference[0]
+            bench.position[0] = before + 0.05
+            bench.publish()
+            bench.run(0.02, turn)
+        set_by = bench.guide.reference[0] - before - 0.2 * 0.02
+        assert set_by == pytest.approx((0.05 + 0.2) * 0.02, rel=0.1)
 
     def test_one_wrong_feedback_changes_next_to_nothing(self):
         bench = self.start()

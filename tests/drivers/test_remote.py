@@ -420,12 +420,19 @@ def test_a_device_that_is_lost_there_is_lost_here_with_its_reason():
     state = bench.state
     assert (state.link, state.axes, state.buttons) == (DeviceLink.LOST, NEUTRAL, frozenset())
     assert state.reason == "at the operator's computer: unplugged"
+    bench.move(link=DeviceLink.LOST, reason="its power is off")
+    bench.run(0.1)
+    assert bench.state.reason == "at the operator's computer: its power is off"
     bench.move(0.5)
     bench.run(0.1)
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
     bench.move(0.0)
     bench.run(0.1)
     assert bench.state.link is DeviceLink.LIVE
+    round_ms = 1e3 * bench.core.metrics(bench.now_s)["round_trip_s"]
+    bench.down.stall(bench.now_s + 1.0)
+    bench.run(0.5)
+    assert f"(quickest round trip {round_ms:.0f} ms)" in bench.state.reason
 
 
 def test_all_that_a_device_measures_comes():

@@ -33,7 +33,7 @@ from cardan.drivers.remote.shared import (
     read_shared,
     shared_message,
 )
-from cardan.errors import CommandError, NotOpenError
+from cardan.errors import CommandError, DriverError, NotOpenError
 from cardan.gateway.force.passive import FADE_S, HOLD_S
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import (
@@ -103,7 +103,8 @@ def claim(command=COMMAND):
 
 
 def test_what_the_hand_is_to_feel_and_feels_arrives_as_it_was_sent():
-    assert read_claim(over(CLAIM_TYPE, claim_message(claim()))) == claim()
+    for sent in (claim(), claim(COMMAND._replace(measured=None))):
+        assert read_claim(over(CLAIM_TYPE, claim_message(sent))) == sent
     state = DeviceState(0.5, DeviceLink.LIVE, NEUTRAL, frozenset())
     shared = Shared(11, 1.0, 7, "arm", 0.9, state, haptic_feedback=HAPTIC_FEEDBACK)
     assert read_shared(over(STATE_TYPE, shared_message(shared))).haptic_feedback == HAPTIC_FEEDBACK
@@ -284,6 +285,18 @@ def test_only_with_force_it_is_a_haptic_device():
     assert not isinstance(Remote(), HapticDevice)
     assert isinstance(Remote(force=True), HapticDevice)
     assert isinstance(Remote(Remote.Options(force=True)), HapticDevice)
+
+
+def test_without_a_state_it_has_neither_a_position_nor_a_force(monkeypatch):
+    device = Remote(force=True, device="x")
+    assert device.feedback_limits.force_n == 0.0
+    with pytest.raises(NotOpenError, match="no position to give"):
+        device.measured_pose()
+    waiting = DeviceState(0.0, DeviceLink.STALE, NEUTRAL, frozenset(), reason="silent")
+    monkeypatch.setattr(device, "state", lambda: waiting)
+    with pytest.raises(DriverError, match="silent") as refusal:
+        device.measured_pose()
+    assert not isinstance(refusal.value, NotOpenError)
 
 
 def test_a_closed_one_cannot_be_enabled():

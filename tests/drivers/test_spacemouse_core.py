@@ -540,8 +540,10 @@ def test_battery():
     assert device.core.diagnosis(device.now_s) == ["battery at 8 %: charge it"]
     device.report(encode_battery(8, True))
     assert device.core.diagnosis(device.now_s) == []
+    device.report(encode_battery(8, False))
     device.core.on_opened(device.now_s, device.model)
     assert device.state.battery is None
+    assert not any("battery" in words for words in device.core.diagnosis(device.now_s))
 
 
 OFF = (25, 0, -24, 0, 0, 0)
@@ -596,6 +598,16 @@ def test_rezero_in_silence_takes_the_last_rest(device):
     device.core.rezero(device.now_s)
     device.motion((8, 0, 0, 0, 0, 0), 2)
     assert device.state.link is DeviceLink.LIVE
+
+
+def test_rezero_takes_only_what_was_reported_since_it_was_opened():
+    device = Device(options=SpaceMouseOptions(dead_zone=0.0)).live()
+    device.motion((5, 5, 5, 5, 5, 5))
+    device.core.on_opened(device.now_s, device.model)
+    device.report(encode_translation(0, 0, 0), 0.008)
+    device.wait(1.0)
+    device.core.rezero(device.now_s)
+    assert device.live().state.axes == NEUTRAL
 
 
 def test_rezero_refuses_a_hand(device):

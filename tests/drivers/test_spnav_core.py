@@ -423,6 +423,10 @@ def test_a_daemon_that_repeats_is_refused():
 def test_a_daemon_that_begins_to_repeat_in_a_session_is_refused():
     daemon = Daemon(repeat_ms=-1)
     assert daemon.core.refusal == ""
+    asked = daemon.codes().count(Code.GCFG_REPEAT)
+    for _ in range(7):
+        daemon.wait(0.5 * REPEAT_CHECK_S)
+    assert daemon.codes().count(Code.GCFG_REPEAT) == asked + 3
     daemon.arm()
     daemon.send(encode_button(0, True))
     daemon.motion(PUSH)
@@ -493,6 +497,7 @@ def test_a_dead_device_behind_a_daemon_that_repeats_is_stale_in_time(version, pe
     assert daemon.state.link is DeviceLink.STALE
     metrics = daemon.core.metrics(daemon.now_s)
     assert metrics["silences"] == 1
+    assert metrics["repeats"] <= round((USUAL_STALE_AFTER_S + 1.005) / period_s)
     assert metrics["motion_age_s"] > 1.0
     assert "repeated by itself" in " ".join(daemon.core.diagnosis(daemon.now_s))
 
@@ -634,6 +639,10 @@ def test_version_1_asks_what_it_wants_to_know():
     daemon = Daemon(buttons=15, usb_id=(0x256F, 0xC631))
     assert daemon.core.settled
     assert daemon.core.version == 1
+    assert "version 0" not in " ".join(daemon.core.diagnosis(daemon.now_s))
+    daemon.send(encode_handshake(0))
+    assert daemon.core.version == 1
+    assert daemon.core.metrics(daemon.now_s)["unasked_replies"] == 1
     assert daemon.core.labels[-1] == "button-14"
     assert daemon.core.has_led
     assert daemon.core.full_scale == 500.0

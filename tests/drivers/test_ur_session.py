@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -294,7 +295,15 @@ def test_the_program_is_understood_with_every_option():
         UrRtdeOptions(),
         UrRtdeOptions(registers="lower", watchdog_s=0.5, gain=2000, lookahead_s=0.2),
     ):
-        assert isinstance(parse(program(options.servoing, 2**31 - 1, 0.002)), Program)
+        text = program(options.servoing, 2**31 - 1, 0.002)
+        assert isinstance(parse(text), Program)
+        used = re.findall(r"(read|write)_(?:input|output)_integer_register\((\d+)", text)
+        first = 0 if options.registers == "lower" else 24
+        writes, reads = (1, 3, 2), (1, 2, 1)
+        assert Counter((how, int(number) - first) for how, number in used) == {
+            **{("write", n): times for n, times in enumerate(writes)},
+            **{("read", n): times for n, times in enumerate(reads)},
+        }
 
 
 # -- causes of a stop ------------------------------------------------------------------------------

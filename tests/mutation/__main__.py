@@ -322,13 +322,16 @@ class Runs:
         return dict(sums)
 
     def _chosen(self, mutant: Mutant) -> list[int]:
-        """Return the tests that run its statement: file by file, the fastest file first."""
+        """Return the tests that run its statement: as many as the time allows, file by file, the
+        fastest file first."""
         numbers = self.hit.get((mutant.path, mutant.statement), ())
+        quickest = sorted(numbers, key=lambda n: (self.took_s[n], n))
+        most_s = math.inf if may_not_survive(mutant) else self.most_s
+        numbers = within(quickest, self.took_s, most_s)
         sums: dict[str, float] = defaultdict(float)
         for number in numbers:
             sums[str(self.items[number].path)] += self.took_s[number]
-        ordered = sorted(numbers, key=lambda n: (sums[str(self.items[n].path)], n))
-        return within(ordered, self.took_s, math.inf if may_not_survive(mutant) else self.most_s)
+        return sorted(numbers, key=lambda n: (sums[str(self.items[n].path)], n))
 
     def _try(self, session: pytest.Session, mutant: Mutant, numbers: Sequence[int]) -> int:
         if not exchange(self.functions, mutant.path, mutated(mutant)):

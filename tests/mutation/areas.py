@@ -64,13 +64,14 @@ TESTS: dict[str, tuple[str, ...]] = {
 """Tests of files by prefix; the first match counts. Each mutant runs those that execute its
 statement."""
 
-MATRIX = (
-    "tests/drivers/test_egm_limits.py",
-    "tests/drivers/test_sim_arm.py",
-    "tests/drivers/test_spacemouse_transport.py",
-    "tests/drivers/test_ur_session.py",
+MATRIX = tuple(
+    f"tests/drivers/test_{name}.py"
+    for name in (
+        *("egm_driver", "egm_limits", "evdev_devices", "evdev_faults", "motoros_driver", "sim_arm"),
+        *("spacemouse_transport", "spacemouse_usb", "ur_driver", "ur_session"),
+    )
 )
-"""Files of `TESTS` whose matrix tests run in virtual time, and are used for mutants, too."""
+"""Files of `TESTS` whose matrix tests are quick, and are used for mutants, too."""
 
 _EQUIVALENT = Path(__file__).with_name("equivalent.json")
 

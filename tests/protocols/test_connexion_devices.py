@@ -87,6 +87,7 @@ def test_candidates(ids, usage, expected):
 def test_descriptor_declares_the_full_scale(model):
     assert full_scale_of(descriptor_for(model)) == 350
     assert full_scale_of(descriptor_for(model._replace(full_scale=512))) == 512
+    assert full_scale_of(descriptor_for(model._replace(full_scale=0))) is None
 
 
 def test_descriptor_of_the_space_navigator_is_the_published_one():

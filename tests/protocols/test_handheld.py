@@ -315,6 +315,8 @@ def test_teleops_log_is_nothing_and_other_text_is_not_teleops():
         {"position": {"x": 0, "y": 0, "z": "1"}},
         {"position": {"x": 0, "y": 0, "z": 1e300}},
         {"orientation": {"x": 0, "y": 0, "z": 0, "w": 0}},
+        {"orientation": {"x": 0, "y": 0, "z": 0, "w": 1.011}},
+        {"orientation": {"x": 0, "y": 0, "z": 0, "w": 0.989}},
         {"orientation": None},
         {"scale": True},
     ],

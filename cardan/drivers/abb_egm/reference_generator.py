@@ -649,7 +649,6 @@ class PathCorrectionGenerator(ReferenceGenerator):
             options.linear_acceleration_m_s2,
             ((0.0, -reach, -reach), (0.0, reach, reach)),
         )
-        self._age_ms = 0
         self.answer = no_answer
 
     def check(self, command: RobotCommand) -> None:

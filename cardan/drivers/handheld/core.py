@@ -113,7 +113,6 @@ class HandheldCore(BusCore):
         """True if tracking or the link was lost since then."""
         self._held: Held | None = None
         """Set while the dead-man control is held and counts."""
-        self._began: TrackedPose | None = None
         self._dragged = ZERO3
         """Sum of all drags along the robot's axes, m."""
 
@@ -243,12 +242,12 @@ class HandheldCore(BusCore):
         reading = self._reading
         assert reading is not None
         if not frame.hold or self._link is not DeviceLink.LIVE:
-            self._held = self._began = None
+            self._held = None
             return
         if self._held is None:
             if not self._asks:
                 self._yaw = self._heading(reading)
-            self._held, self._began = Held(reading.sample), reading
+            self._held = Held(reading.sample)
         if before is not None and self._yaw is not None:
             self._drag(before.drag, reading.drag)
 
@@ -268,7 +267,7 @@ class HandheldCore(BusCore):
             )
 
     def _drop_input(self, now_s: float) -> None:
-        self._held = self._began = None
+        self._held = None
 
     def _translation(self) -> Vector3:
         """Return the translation since the hold began, as deflections along the reference's

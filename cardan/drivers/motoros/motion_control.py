@@ -279,10 +279,7 @@ class MotionControl:
             self._topics += motion.topics
             self.motion = None
             self.reply_pending = False
-            self.requests.drop()
-            self.phase = MotionPhase.LEAVING
-            self._stop_tries = 0
-            self._leave(now_s)
+            self._begin_to_leave(now_s)
 
     # -- requests of the application --------------------------------------------------------------
 
@@ -379,11 +376,8 @@ class MotionControl:
     def disable(self, now_s: float) -> None:
         self._start_once = self._asked_early = False
         if self.phase is MotionPhase.STARTING:
-            self.phase = MotionPhase.LEAVING
-            self._stop_tries = 0
             self._after = list(self._stop_commands)
-            self.requests.drop()
-            self._leave(now_s)
+            self._begin_to_leave(now_s)
         else:
             self.brake("motion was disabled", now_s, self._stop_commands)
 
@@ -476,6 +470,12 @@ class MotionControl:
     def _note_end(self, reason: str) -> None:
         self.end_reason = reason
         self.ends[reason] += 1
+
+    def _begin_to_leave(self, now_s: float) -> None:
+        self.requests.drop()
+        self.phase = MotionPhase.LEAVING
+        self._stop_tries = 0
+        self._leave(now_s)
 
     def _leave(self, now_s: float) -> None:
         """Queue the requests that follow the braking, one after the other."""

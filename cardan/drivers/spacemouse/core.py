@@ -131,7 +131,6 @@ class SpaceMouseCore(DeviceCore):
             half.stamp_s = NEVER_S
             half.zero = None
         self._split = None
-        self._low_battery = False
         self._begin(OPENED_REASON, now_s)
         self._buttons.on_opened()
 

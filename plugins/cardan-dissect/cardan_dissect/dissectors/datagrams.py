@@ -14,8 +14,8 @@ from cardan.protocols.egm.messages import (
     EgmSensorPathCorr,
     MalformedEgmMessage,
 )
-from cardan.protocols.egm.outline import Outline, outline
 from cardan.protocols.joint_stream import codec as joint_stream
+from cardan_dissect.dissectors.egm_outline import Outline, outline
 from cardan_dissect.network import Endpoint, Segment
 from cardan_dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
 from cardan_dissect.reader import DatagramDissector, Decoded, Message, Numbers, value_of
