@@ -2,7 +2,7 @@
 
 import pytest
 
-from cardan.errors import MotionLoopError, OptionError
+from cardan.errors import MotionLoopError, MotionRefusedError, OptionError
 from cardan.gateway.arm.remote_arm import EARLY_NOTES, RemoteArm
 from cardan.gateway.arm.requests import (
     MotionNote,
@@ -91,6 +91,15 @@ def test_a_reply_tells_of_the_ends_before_it():
         motion = arm.movl([0.0] * 6)
         assert arm.wait() is True
         assert motion.outcome is Outcome.DONE
+
+
+def test_an_error_in_a_reply_is_raised():
+    refused = MotionRefusedError("movl: out of reach")
+    with (
+        reported(lambda asked: [Reply(asked.id, None, refused)]) as arm,
+        pytest.raises(MotionRefusedError, match="out of reach"),
+    ):
+        arm.movl([0.0] * 6)
 
 
 def test_opened_twice_it_is_connected_once():
