@@ -477,27 +477,6 @@ def test_an_arm_that_is_acknowledged_where_it_was_moved_to_unseen_starts_from_th
     np.testing.assert_allclose(world.verbs.servo.q, world.q)
 
 
-def test_a_plan_that_the_hand_overtakes_is_refused_with_the_reason():
-    world = operator_and_verbs()
-    world.act()
-    world.hand()
-    world.tick(int(LEASE_S / DT_S) + 200)
-
-    def plan(_start):
-        world.act()
-
-    with pytest.raises(MotionRefusedError, match="planned: the operator device took over"):
-        world.verbs._launch("movl", True, plan, "verbs")
-
-
-def test_an_arm_whose_hand_asks_for_nothing_more_comes_to_a_full_rest():
-    world = HandWorld()
-    world.arm_hand()
-    world.hand((0.5, 0.2, *REST[2:]), "left").tick(200)
-    world.hand(REST, "left").tick(500)
-    assert not world.verbs.servo.moving
-
-
 def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():
     controller = ArmController(TaskSpaceArm(LIMITS), LIMITS, period_s=PERIOD_S)
     state = RobotState(1.0, RobotLink.LIVE, 1, 0, PERIOD_S, REST, (), START, "")

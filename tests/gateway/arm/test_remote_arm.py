@@ -2,7 +2,7 @@
 
 import pytest
 
-from cardan.errors import MotionLoopError, MotionRefusedError, OptionError
+from cardan.errors import MotionLoopError, OptionError
 from cardan.gateway.arm.remote_arm import EARLY_NOTES, RemoteArm
 from cardan.gateway.arm.requests import (
     MotionNote,
@@ -93,11 +93,10 @@ def test_a_reply_tells_of_the_ends_before_it():
         assert motion.outcome is Outcome.DONE
 
 
-def test_an_error_in_a_reply_is_raised():
-    refused = MotionRefusedError("movl: out of reach")
+def test_a_reply_that_is_none_is_an_error():
     with (
-        reported(lambda asked: [Reply(asked.id, None, refused)]) as arm,
-        pytest.raises(MotionRefusedError, match="out of reach"),
+        reported(lambda asked: [Reply(asked.id, {"id": 5}, None)]) as arm,
+        pytest.raises(PacketError, match="no answer of movl"),
     ):
         arm.movl([0.0] * 6)
 

@@ -87,7 +87,11 @@ def test_the_map_of_the_device_leads_to_the_tcp_and_ends_at_the_workspace(frame)
     options = {"yaw_deg": 20.0} if frame is Frame.BASE else {}
     options |= {"frame": frame, "device_rpy_deg": (10.0, -20.0, 30.0)}
     bench = Bench(limits, scale=(0.5, 0.7, 0.9, 1.0, 1.0, 1.0), **options).engage()
-    bench.hand(displaced(0.02, -0.01, 0.03)).run(2.0)
+    a, b, c, d, e, f, g, h, i = bench.core.device_map().linear
+    x, y, z = way = (0.02, -0.01, 0.03)
+    bench.hand(displaced(*way)).run(2.0)
+    mapped = (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
+    assert close(bench.moved, mapped)
     assert close(bench.mapped_device, bench.tcp.position)
     bench.hand(displaced(-0.1, 0.8, 0.4)).run(2.0)
     at = bench.mapped_device
