@@ -404,18 +404,6 @@ def test_a_pose_that_jumps_is_not_believed_and_moves_nothing(jump_m, driven):
     assert bench.core.phase is Phase.HOLDING
 
 
-def test_a_lag_is_not_taken_back_towards_a_reading_that_jumped():
-    bench = Bench().drive(0.3)
-    stuck = bench.robot.pose
-    stays(bench, 0.8, stuck)
-    bench.hand(FORWARD)
-    stays(bench, 0.1, stuck)
-    assert bench.status.lead_used > 0.5
-    there = Pose(subtract(stuck.position, Vector3(0.0, 0.3, 0.0)), IDENTITY)
-    stays(bench, 0.5, there)
-    assert stays(bench, 1.0, there) == 0.0
-
-
 def test_a_stall_while_readings_are_rejected_ends_the_motion_at_once():
     bench = Bench().drive()
     there = Pose(subtract(bench.robot.pose.position, Vector3(0.0, 0.3, 0.0)), IDENTITY)
