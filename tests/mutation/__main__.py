@@ -518,8 +518,11 @@ def main() -> int:
         mutants = sorted(random.Random(asked.seed).sample(mutants, asked.sample))
     if asked.survivors is not None:
         reported = json.loads(asked.survivors.read_text())
-        alive = {(each["path"], each["change"]) for each in reported if each["outcome"] == SURVIVED}
-        mutants = [each for each in mutants if (each.path, each.change) in alive]
+        identity = ("path", "function", "change")
+        alive = {
+            tuple(each[k] for k in identity) for each in reported if each["outcome"] == SURVIVED
+        }
+        mutants = [each for each in mutants if (each.path, each.function, each.change) in alive]
     say(f"{len(mutants)} of {there} mutants of {len(paths)} files")
     if asked.list:
         print(*(f"{m.path}:{m.line} {m.name.partition('::')[2]}" for m in mutants), sep="\n")

@@ -58,19 +58,30 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/drivers",
         "tests/test_device_faults.py",
         "tests/test_motoros_faults.py",
-        "tests/test_slip_compensation.py",
     ),
     "cardan/protocols": ("tests/protocols", "tests/drivers", "tests/sim_peers"),
 }
 """Tests of files by prefix; the first match counts. Each mutant runs those that execute its
 statement."""
 
-MATRIX = tuple(
-    f"tests/drivers/test_{name}.py"
-    for name in (
-        *("egm_driver", "egm_limits", "evdev_devices", "evdev_faults", "motoros_driver", "sim_arm"),
-        *("spacemouse_transport", "spacemouse_usb", "ur_driver", "ur_session"),
-    )
+MATRIX = (
+    *(
+        f"tests/drivers/test_{name}.py"
+        for name in (
+            *("egm_driver", "egm_limits", "evdev_devices", "evdev_faults", "motoros_driver"),
+            *("sim_arm", "spacemouse_transport", "spacemouse_usb", "ur_driver", "ur_session"),
+        )
+    ),
+    *(
+        f"tests/gateway/{name}.py"
+        for name in (
+            *("arm/test_arrival_motoros", "arm/test_hostile", "arm/test_jogging"),
+            *("kinematics/test_arm", "operator/test_absolute", "operator/test_differential"),
+            *("operator/test_position", "servo/test_bounds", "servo/test_kernel"),
+            "servo/test_servo",
+        )
+    ),
+    "tests/test_device_faults.py",
 )
 """Files of `TESTS` whose matrix tests are quick, and are used for mutants, too."""
 

@@ -42,7 +42,7 @@ OPERATORS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 SYMMETRIC = frozenset({"min", "max", "suppress", "compare_digest", "hypot", "dist", "dot"})
-"""Functions with interchangeable arguments."""
+"""Functions with interchangeable arguments, like `add` of vectors, which is no method."""
 
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
@@ -115,7 +115,8 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
         called = ast.unparse(node.func).rpartition(".")[2]
         starred = any(isinstance(each, ast.Starred) for each in args[:2])
         same = len(args) > 1 and ast.dump(args[0]) == ast.dump(args[1])
-        if len(args) > 1 and not (starred or same or called in SYMMETRIC):
+        symmetric = called in SYMMETRIC or ast.unparse(node.func) == "add"
+        if len(args) > 1 and not (starred or same or symmetric):
             yield changed(args=[args[1], args[0], *args[2:]])
         if isinstance(node.func, ast.Name) and node.func.id in NAMES:
             yield changed(func=ast.Name(NAMES[node.func.id], ast.Load()))

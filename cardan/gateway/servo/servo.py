@@ -341,7 +341,7 @@ class Servo:
             )
         np.dot(self._weights * feedback, task, out=linear)
         np.negative(linear, out=linear)
-        self._sigma = sigma = math.sqrt(sigma2) if sigma2 > 0.0 else 0.0
+        self._sigma = sigma = math.sqrt(max(0.0, sigma2))
         damping = options.damping_floor
         if sigma < options.singular_below:
             share = sigma / options.singular_below

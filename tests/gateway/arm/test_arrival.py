@@ -80,6 +80,20 @@ def test_an_arm_that_stays_off_its_goal_is_not_waited_for_for_ever(verb, reason)
     assert world.verbs.at_rest
 
 
+@pytest.mark.parametrize("joint", [1, 5])
+def test_before_a_lagging_arm_may_have_begun_wide_tolerances_do_not_count(joint):
+    wide = ArrivalOptions(arrival_m=0.1, arrival_rad=0.1, arrival_joint=0.1)
+    world = gp8("paper", options=ControllerOptions(arrival=wide))
+    motion = begun(world, "movl")
+    waited = 0
+    while not motion.over:
+        world.sag[joint] = 0.03
+        world.tick()
+        waited = 0 if world.verbs.servo.moving else waited + 1
+    assert motion.outcome is Outcome.DONE
+    assert waited * DT_S >= 0.4
+
+
 @pytest.mark.parametrize("verb", ["movl", "movj", "trajectory"])
 def test_how_near_and_how_long_are_options(verb):
     wide = ArrivalOptions(arrival_m=0.1, arrival_rad=0.1, arrival_joint=0.1)

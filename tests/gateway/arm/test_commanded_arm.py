@@ -16,6 +16,9 @@ from cardan.gateway.arm.commanded_arm import (
     equal_steps,
 )
 from cardan.gateway.arm.following_error import FollowingError
+from cardan.gateway.arm.motions.base import Deceleration
+from cardan.gateway.arm.motions.pose_stream import RESTING_M_S, FollowPoseStream
+from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.spatial import (
     dot,
@@ -241,3 +244,29 @@ def test_a_period_is_one_step_and_no_time_is_none():
     assert commanded.status() is None
     assert commanded.held_by() == ""
     assert commanded.settled
+
+
+@pytest.mark.parametrize(
+    ("shift_m", "turn_rad", "speed_m_s", "speed_rad_s", "driven"),
+    [
+        (0.0, 0.0, 0.0, 0.0, False),
+        (0.9e-6, 0.9e-5, 0.9 * RESTING_M_S, 0.9 * RESTING_M_S, False),
+        (1.1e-6, 0.0, 0.0, 0.0, True),
+        (0.0, 1.1e-5, 0.0, 0.0, True),
+        (0.0, 0.0, 1.1 * RESTING_M_S, 0.0, True),
+        (0.0, 0.0, 0.0, 1.1 * RESTING_M_S, True),
+    ],
+)
+def test_a_streamed_pose_drives_its_arm_until_it_rests_there(
+    shift_m, turn_rad, speed_m_s, speed_rad_s, driven
+):
+    commanded, reference = TaskSpaceArm(LIMITS), Reference(LIMITS)
+    commanded.place(at())
+    shaper = PoseShaper(PoseShaperLimits())
+    motion = FollowPoseStream(commanded, reference, Deceleration(1.0, 1.0, 1.0), shaper)
+    assert not motion.driven
+    motion.aim(at(y=shift_m, turn=Vector3(0.0, 0.0, turn_rad)).pose, 1.0)
+    reference.linear, reference.angular = Vector3(speed_m_s, 0, 0), Vector3(0, speed_rad_s, 0)
+    assert motion.driven is driven
+    motion.brake()
+    assert not motion.driven

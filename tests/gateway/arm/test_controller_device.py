@@ -5,7 +5,7 @@ import math
 import pytest
 
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
-from cardan.gateway.arm.states import Inhibit
+from cardan.gateway.arm.states import Inhibit, MotionState
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import LONGEST_STEP_PERIODS, TRUST_AFTER_S, Watchdogs
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
@@ -402,6 +402,18 @@ def test_a_pose_that_jumps_is_not_believed_and_moves_nothing(jump_m, driven):
     bench.hand(REST, "left")
     bench.run(pose=rested)
     assert bench.core.phase is Phase.HOLDING
+
+
+def test_a_stall_while_readings_are_rejected_ends_the_motion_at_once():
+    bench = Bench().drive()
+    there = Pose(subtract(bench.robot.pose.position, Vector3(0.0, 0.3, 0.0)), IDENTITY)
+    bench.run(pose=there)
+    assert bench.core.rejects
+    assert not bench.core.at_rest
+    bench.now_s += 0.6
+    bench.run(pose=there)
+    assert bench.core.rejects
+    assert bench.core.state.motion is MotionState.HOLDING
 
 
 def test_an_arm_that_lags_stops_when_the_hand_lets_go():

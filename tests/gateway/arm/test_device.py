@@ -7,6 +7,7 @@ for RemoteArm, through a session on its own Zenoh network in real time.
 import inspect
 import math
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,7 +34,9 @@ from cardan.gateway.arm import (
     State,
     digital_output_gripper,
 )
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.remote_arm import RemoteArm
+from cardan.gateway.arm.verb_server import VerbServer
 from cardan.gateway.arm.verb_table import IN_PACKETS
 from cardan.types import (
     CommandKind,
@@ -277,6 +280,25 @@ def test_it_brakes_when_it_is_closed(reach):
             assert not status.moving
             assert status.authority.owner == ""
             assert arm.stat().pose[2] > start[2] - 0.05
+
+
+def test_it_brakes_whoever_moves_the_arm_when_it_is_closed():
+    with CartesianDevice(simulated(), arm="ur5") as arm:
+        motion = arm.verbs.movv([0.0, 0.0, -0.01, 0.0, 0.0, 0.0], source="another")
+    assert motion.reason == "stopped"
+    assert arm.verbs.at_rest
+
+
+def test_a_motion_is_refused_without_the_loop_and_given_up_with_it():
+    link = LoopLink()
+    motion = SimpleNamespace(outcome=Outcome.WAITING, error=None)
+    tries = iter([lambda: link.end("the loop has ended")])
+    server = VerbServer(SimpleNamespace(start_pending=lambda: next(tries)()), link)
+    with pytest.raises(MotionLoopError, match="not open"):
+        server.start(lambda: pytest.fail("begun"))
+    link.begin()
+    with pytest.raises(MotionLoopError, match="the loop has ended"):
+        server.start(lambda: motion)
 
 
 POSE = Pose(Vector3(0.4, 0.1, 0.4), Quaternion(1.0, 0.0, 0.0, 0.0), Frame.BASE)

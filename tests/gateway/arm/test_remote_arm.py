@@ -93,6 +93,14 @@ def test_a_reply_tells_of_the_ends_before_it():
         assert motion.outcome is Outcome.DONE
 
 
+def test_a_reply_that_is_none_is_an_error():
+    with (
+        reported(lambda asked: [Reply(asked.id, {"id": 5}, None)]) as arm,
+        pytest.raises(PacketError, match="no answer of movl"),
+    ):
+        arm.movl([0.0] * 6)
+
+
 def test_opened_twice_it_is_connected_once():
     calls = []
 

@@ -8,7 +8,7 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.collision import HalfSpace, Obstacle
-from cardan.gateway.motion.joint_trajectory import JointTrajectory
+from cardan.gateway.motion.joint_trajectory import LARGEST, JointTrajectory
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.types import RobotLink, Vector3
 from tests.gateway.arm.arms import DT_S, World, streams
@@ -160,12 +160,32 @@ def test_joint_limits_are_found_before_the_arm_moves():
     assert world.verbs.at_rest
 
 
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_of_all_joints_the_one_beyond_its_limit_is_named(joint, end):
+    world = World("gp8")
+    planner = world.verbs.planner
+    beyond = world.q.copy()
+    limit = getattr(planner.kinematics, end)[joint]
+    beyond[joint] = limit + (0.01 if end == "upper" else -0.01)
+    with pytest.raises(JointLimitError, match="after 100% of the way") as error:
+        planner.check_joint_samples("movj", np.array([world.q, beyond]))
+    assert (error.value.joint, error.value.limit) == (planner.names[joint], limit)
+
+
+def test_numbers_go_up_to_the_largest():
+    assert JointTrajectory([1.0], [[LARGEST, -LARGEST]]).positions
+    with pytest.raises(MotionRefusedError, match="above 1e"):
+        JointTrajectory([1.0], [[LARGEST * 1.001, 0.0]])
+
+
 def test_collisions_are_found_before_the_arm_moves():
     height = float(World().six()[2])
     wall = Obstacle("table", HalfSpace(Vector3(0.0, 0.0, 1.0), height - 0.1))
     world = World(obstacles=[wall])
-    with pytest.raises(CollisionError, match="table"):
+    with pytest.raises(CollisionError, match="table") as error:
         world.verbs.trajectory(to(world, np.array([0, 1.0, 0, 0, 0, 0]), duration_s=20.0))
+    assert "where that is now" not in str(error.value)
     assert world.verbs.at_rest
 
 

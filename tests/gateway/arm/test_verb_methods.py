@@ -22,6 +22,7 @@ from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import Action, PolicyCode, State
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacle
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.spatial import from_rotation_vector, multiply, rotate, to_rotation_vector
 from cardan.types import (
     IDENTITY_POSE,
@@ -283,6 +284,8 @@ def test_movv_ends_at_the_workspace():
     assert "workspace" in motion.reason
     assert world.six()[2] >= 0.7 - 1e-6
     assert world.six()[2] == pytest.approx(0.7, abs=2e-3)
+    again = world.run(world.verbs.movv([0.0, 0.0, -0.1, 0.0, 0.0, 0.0]), 1.0)
+    assert "workspace" in again.reason
 
 
 def test_movv_ends_at_a_joint_limit():
@@ -395,6 +398,15 @@ def test_a_collision_is_found_before_the_arm_moves():
         assert 0.0 <= found.value.share < 1.0
     world.tick()
     assert world.command == HoldCommand()
+
+
+@pytest.mark.parametrize(("speed", "note"), [(1.0, "for the TCP's speed"), (0.01, "")])
+def test_a_joint_motion_says_that_the_tcps_speed_slowed_it(speed, note):
+    world = quick(options=ControllerOptions(limits=ReferenceLimits(linear_speed_m_s=0.1)))
+    world.verbs.set_parameter("cpjs", speed)
+    motion = world.verbs.movj(world.moved(-0.1, 0.3, -0.2))
+    assert note in motion.note
+    assert bool(motion.note) is bool(note)
 
 
 def test_movj_takes_another_branch_only_where_the_way_is_free():

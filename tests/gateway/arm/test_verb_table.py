@@ -11,7 +11,15 @@ from cardan.cli.verbs import SET_ONE, carry_out, offered
 from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.verb_methods import ArmVerbs
-from cardan.gateway.arm.verb_table import IN_PACKETS, NEW_MOTION, NOTHING, SEQUENCED, VERB_TABLE
+from cardan.gateway.arm.verb_table import (
+    IN_PACKETS,
+    LARGEST_INTEGER,
+    NEW_MOTION,
+    NOTHING,
+    SEQUENCED,
+    VERB_TABLE,
+    number,
+)
 from cardan.gateway.arm.vocab import Parameter, State
 from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
 from cardan.spatial import from_rotation_vector, rotate
@@ -140,3 +148,10 @@ def test_retract_takes_a_distance_and_nothing_else(distance_m):
     with pytest.raises(MotionRefusedError, match=r"^retract"):
         world.verbs.retract(distance_m)
     assert world.verbs.state is State.NOT_CONTROLLING
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_numbers_go_up_to_the_largest_exact_integer(sign):
+    assert number("movj", sign * LARGEST_INTEGER) == sign * LARGEST_INTEGER
+    with pytest.raises(MotionRefusedError, match="too large a number"):
+        number("movj", sign * (LARGEST_INTEGER + 1))

@@ -171,6 +171,17 @@ def test_no_tare_is_taken_of_a_robot_that_moves_or_is_touched():
         assert not conditioner.add(Reading(3.0 + k * PERIOD_S, force, Frame.BASE), True, HERE)
 
 
+@pytest.mark.parametrize("between", [{"force": (5.0, 0.0, 0.0), "at_rest": False},
+                                     {"force": (25.0, 0.0, 0.0), "at_rest": True}])  # fmt: skip
+def test_after_a_motion_or_a_touch_the_tare_begins_anew(between):
+    conditioner = Conditioner(Conditioning())
+    assert not any(feed(conditioner, (5.0, 0.0, 0.0), seconds=0.4))
+    assert feed(conditioner, start_s=1.4, seconds=PERIOD_S, **between) == [False]
+    good = feed(conditioner, (8.0, 0.0, 0.0), start_s=1.4 + PERIOD_S)
+    assert good.index(True) == pytest.approx(0.5 / PERIOD_S, abs=2)
+    assert conditioner.tare.value == pytest.approx((8.0, 0.0, 0.0))
+
+
 def test_what_needs_no_tare_takes_none():
     assert all(feed(Conditioner(Conditioning(), rests_at_zero=True), (5.0, 0.0, 0.0)))
     shaped = Conditioner(Conditioning(), shaped=True)

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.base import Kinematics
-from cardan.gateway.kinematics.soft_neck import SoftNeck, load_soft_neck
+from cardan.gateway.kinematics.soft_neck import SoftNeck, _arc, load_soft_neck
 from cardan.robots import arm_names
 
 NECK = SoftNeck()
@@ -55,6 +55,18 @@ def test_worked_table(inclination, orientation, tendons_mm, position_mm):
     assert 1e3 * q == pytest.approx(tendons_mm, abs=1.5e-3 if inclination == 0 else 6e-4)
     turned = pin.rpy.rpyToMatrix(0, 0, math.radians(-30)) @ NECK.forward(q).translation
     assert 1e3 * turned == pytest.approx(position_mm, abs=6e-3)
+
+
+@pytest.mark.parametrize("t2", [9.9e-4, 5e-4])
+def test_the_series_of_small_leans_are_those_of_their_functions(t2):
+    def series(first, slope=False):
+        powers = [2 * k * t2 ** (k - 1) if slope else t2**k for k in range(8)]
+        return sum(
+            (-1) ** k * each / math.factorial(2 * k + first) for k, each in enumerate(powers)
+        )
+
+    exact = series(1), series(2), series(1, slope=True), series(2, slope=True), series(3)
+    assert _arc(t2) == pytest.approx(exact, rel=0.0, abs=1e-13)
 
 
 @given(inclinations, azimuths)

@@ -18,7 +18,7 @@ from cardan.gateway.motion.shaping import (
     damping_time_s,
 )
 from cardan.spatial import add, from_rotation_vector, norm, rotation_between, scale, subtract
-from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Frame, Pose, Vector3
+from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, ZERO_TWIST, Frame, Pose, Twist, Vector3
 from tests.examples import examples
 
 DT_S = 0.004
@@ -187,9 +187,12 @@ def test_a_resting_target_is_reached_straight_in_time_and_not_passed(distance, t
     goal = Pose(scale(direction, distance), IDENTITY)
     shaper, t, highest = placed(), 0.0, 0.0
     for i in range(20000):
-        pose = shaper.advance(goal, times[i % len(times)])
-        t += times[i % len(times)]
+        dt_s, before, v = times[i % len(times)], shaper.pose.position, shaper.twist.linear
+        pose = shaper.advance(goal, dt_s)
+        t += dt_s
         along = norm(pose.position)
+        ended = add(before, scale(add(v, shaper.twist.linear), 0.5 * dt_s))
+        assert norm(subtract(pose.position, ended)) <= 10.0 * dt_s**3 / 12.0 + 1e-12
         highest = max(highest, along)
         assert norm(subtract(scale(direction, along), pose.position)) <= 1e-9 * distance
         if shaper.twist.linear == ZERO3 and distance - along <= 1e-12:
@@ -248,6 +251,17 @@ def test_rotation_follows_the_geodesic():
         turned = rotation_between(IDENTITY, pose.orientation)
         assert norm(subtract(scale(axis, norm(turned)), turned)) < 1e-8
     assert pose_difference(shaper, goal)[1] < 1e-9
+
+
+def test_a_reference_that_another_motion_moved_goes_on_at_its_twist_without_acceleration():
+    shaper = placed()
+    there = Pose(Vector3(0.3, 0.1, 0.0), from_rotation_vector(Vector3(0.5, 0.0, 0.2)))
+    for _ in range(10):
+        shaper.advance(there, DT_S)
+    twist = Twist(Vector3(0.1, 0.0, 0.0), Vector3(0.0, 0.2, 0.0), Frame.BASE)
+    shaper.adopt(IDENTITY_POSE, twist)
+    assert (shaper.pose, shaper.twist) == (IDENTITY_POSE, twist)
+    assert shaper.acceleration == ZERO_TWIST
 
 
 def test_near_half_a_turn_the_way_round_is_kept():

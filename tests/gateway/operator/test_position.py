@@ -81,6 +81,24 @@ def test_axes_of_the_tool_and_of_a_turned_device():
     assert close(bench.turned, rotate(START.orientation, rotate(jump, Vector3(0.1, 0, 0))))
 
 
+@pytest.mark.parametrize("frame", list(Frame))
+def test_the_map_of_the_device_leads_to_the_tcp_and_ends_at_the_workspace(frame):
+    limits = ReferenceLimits(workspace_y_m=(-0.05, 0.05), workspace_z_m=(0.35, 0.45))
+    options = {"yaw_deg": 20.0} if frame is Frame.BASE else {}
+    options |= {"frame": frame, "device_rpy_deg": (10.0, -20.0, 30.0)}
+    bench = Bench(limits, scale=(0.5, 0.7, 0.9, 1.0, 1.0, 1.0), **options).engage()
+    a, b, c, d, e, f, g, h, i = bench.core.device_map().linear
+    x, y, z = way = (0.02, -0.01, 0.03)
+    bench.hand(displaced(*way)).run(2.0)
+    mapped = (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
+    assert close(bench.moved, mapped)
+    assert close(bench.mapped_device, bench.tcp.position)
+    bench.hand(displaced(-0.1, 0.8, 0.4)).run(2.0)
+    at = bench.mapped_device
+    assert {abs(at.y), round(abs(at.z - 0.4), 9)} == {0.05}
+    assert bench.core.device_map().linear[3:] == (0.0,) * 6
+
+
 def test_a_new_grip_starts_from_where_the_tcp_is():
     bench = Bench().engage()
     bench.hand(displaced(x=0.05)).run(2.0).hand(displaced(x=0.05), clutch=False).run(0.5)

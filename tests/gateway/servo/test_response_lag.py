@@ -126,3 +126,10 @@ def test_the_same_question_has_another_answer_once_the_past_has_changed():
     assert lag.expected(measured, [2.0, 0.0]) == pytest.approx((2.0, 0.0), abs=0.02)
     lag.record_command(np.array([2.0, 0.0]), 10.0)  # after a gap
     assert lag.expected(measured, commanded) == measured
+
+
+def test_a_command_just_one_spacing_after_the_last_is_recorded():
+    lag = ResponseLag(1.0, FIXED)
+    for k in range(2):
+        lag.record_command(np.array([1.0 * k, 0.0]), k / 16)
+    assert lag.expected((1.0, 0.0), [3.0, 0.0]) == [3.0, 0.0]

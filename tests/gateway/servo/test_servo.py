@@ -334,6 +334,25 @@ def test_a_soft_neck_of_three_tendons_leans_as_asked_and_stays_relaxed():
     assert made.status().unreachable_rad_s > 0.15  # the neck cannot turn about its own axis
 
 
+@pytest.mark.parametrize("error", [5e-4, 0.01])
+@pytest.mark.parametrize("turns", [False, True])
+def test_an_error_is_taken_back_no_faster_than_can_be_stopped_within_it(error, turns):
+    made = servo(linear_deceleration_m_s2=0.2, angular_deceleration_rad_s2=0.2)
+    goal = made.placement.copy()
+    if turns:
+        goal.rotation = pin.exp3(np.array((0.0, 0.0, error))) @ goal.rotation
+    else:
+        goal.translation = goal.translation - (0.0, 0.0, error)
+    fastest = 0.0
+    for _ in range(1000):
+        before = made.placement.copy()
+        made.tick(to_pose(goal), np.zeros((2, 3)), DT_S)
+        way = pin.log6(before.actInv(made.placement)).vector / DT_S
+        fastest = max(fastest, np.linalg.norm(way[3:] if turns else way[:3]))
+    assert fastest <= math.sqrt(2.0 * 0.2 * error)
+    assert max(made.status()[7:9]) < 1e-9
+
+
 def test_joint_rates_add_to_the_twist():
     """Equation 7 of Baklouti et al. 2021: some axes of the device move joints, others the TCP."""
     drive = Drive(servo())

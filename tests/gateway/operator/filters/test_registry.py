@@ -25,6 +25,11 @@ def test_filters_of_other_packages_are_found_by_their_entry_point(monkeypatch):
         registry.load("wrong")
 
 
+def test_the_options_of_a_table_are_those_of_its_filter(monkeypatch):
+    monkeypatch.setattr(registry.FINDER, "options_of", {"theirs": "options"}.get)
+    assert registry.FilterTable.kind_of_others({"filter": "theirs"}) == "options"
+
+
 def test_an_unknown_name_is_answered_with_those_there_are():
     with pytest.raises(ConfigurationError, match="'proximty'; allowed: camera, proximity"):
         registry.load("proximty")
