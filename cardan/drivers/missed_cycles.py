@@ -276,6 +276,7 @@ class SlipCompensation:
         "_went",
         "offset",
         "rate",
+        "resumed",
         "working",
     )
 
@@ -289,6 +290,8 @@ class SlipCompensation:
         """Speed in excess of its commands, per s."""
         self.working = False
         """False: there is no difference, and `step` need not be called."""
+        self.resumed = False
+        """True after the first command since an interruption: the next may jump to the robot."""
         self._interrupted = False
         self._gap_s = 0.0
         self._went = [0.0] * axes
@@ -378,8 +381,11 @@ class SlipCompensation:
         if self._interrupted:
             self._resume(moved, before, velocity, dt_s)
             before = velocity
-        elif self._rejoins(moved, before, velocity, dt_s):
-            before = velocity
+            self.resumed = True
+        elif self.resumed:
+            self.resumed = False
+            if not self._rested_s:
+                self._rejoin(moved, before, velocity, dt_s)
         offset, rate = self.offset, self.rate
         ahead = square = faster = size = 0.0
         for v, each, r in zip(velocity, offset, rate, strict=True):
@@ -460,31 +466,30 @@ class SlipCompensation:
                 way = brakes  # It would reverse.
             plan.append((each - way, way, speed))
 
-    def _rejoins(
+    def _rejoin(
         self,
         moved: Sequence[float],
         before: Sequence[float],
         velocity: Sequence[float],
         dt_s: float,
-    ) -> bool:
-        """Account for a command that jumps towards the robot, and return True for one: the robot is
-        there already. An application that answered late learns only by its next state that the
-        robot went on, or stopped, without it."""
-        offset, rate = self.offset, self.rate
+    ) -> None:
+        """Take off the difference what the command makes up for by a jump: the robot is there
+        already. An application that answered late learns only by its next state that the robot went
+        on, or stopped, without it."""
+        offset = self.offset
+        jumps = []
         size = after = jump = period = 0.0
-        for each, way, v in zip(offset, moved, velocity, strict=True):
-            by = way - v * dt_s
-            left = each - by
+        for each, way, was, v in zip(offset, moved, before, velocity, strict=True):
+            low, high = (was, v) if was < v else (v, was)
+            by = way - min(max(way, low * dt_s), high * dt_s)
+            jumps.append(by)
             size += each * each
-            after += left * left
+            after += (each - by) * (each - by)
             jump += by * by
-            period += v * dt_s * v * dt_s
-        if after >= size or jump <= JUMP_SHARE * JUMP_SHARE * period:
-            return False
-        for i, (way, was, v) in enumerate(zip(moved, before, velocity, strict=True)):
-            offset[i] -= way - v * dt_s
-            rate[i] += was - v
-        return True
+            period += max(low * low, high * high) * dt_s * dt_s
+        if after < size and jump > JUMP_SHARE * JUMP_SHARE * period:
+            for i, by in enumerate(jumps):
+                offset[i] -= by
 
     def _resume(
         self,

@@ -62,6 +62,25 @@ def test_a_command_that_takes_the_gap_along_one_cycle_later_moves_no_robot(jump_
     assert lost.offset[0] == pytest.approx(left_m, abs=1e-4)
 
 
+@pytest.mark.parametrize("every", [1, 2, 3, 25])
+def test_an_application_whose_positions_lag_its_speeds_leaves_no_more_when_it_reverses(every):
+    lost = after(0.06)
+    before, offsets = 0.1, []
+    for cycle in range(600):
+        v = before if (cycle + 1) % every else -before
+        lost.step([before * PERIOD_S, 0.0], (before, 0.0), (v, 0.0), PERIOD_S)
+        before = v
+        offsets.append(lost.offset[0])
+    assert max(map(abs, offsets)) < 0.0061
+
+
+def test_a_jump_counts_in_the_next_command_alone():
+    lost = after(0.06)
+    for jump_m in (0.0, 0.002):
+        lost.step([0.1 * PERIOD_S + jump_m, 0.0], (0.1, 0.0), (0.1, 0.0), PERIOD_S)
+    assert lost.offset[0] == pytest.approx(0.006, abs=1e-4)
+
+
 def test_speeds_that_are_not_given_are_those_of_the_target():
     lost = SlipCompensation(1)
     lost.passed(0.06)

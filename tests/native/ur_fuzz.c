@@ -104,8 +104,7 @@ static void answer_some(void)
 {
     UrCommands commands = {.largest_position = 2000.0, .largest_velocity = 100.0, .token = 7,
                            .work_off_s = 0.5, .work_off_share = 0.5, .recent_s = 5.0,
-                           .speed_up_s = 0.25, .slow_down_s = 0.1, .jump_share = 0.5,
-                           .nothing = 1e-7};
+                           .speed_up_s = 0.25, .slow_down_s = 0.1, .nothing = 1e-7};
     UrSlip slip = {.fastest = number(0.0, 3.0)};
     UrReference reference = {.has_velocities = below(2), .has_target = below(2)};
     uint8_t *into = malloc(UR_COMMAND_SIZE);
@@ -125,7 +124,6 @@ static void answer_some(void)
         reference.velocity[i] = number(-1.0, 1.0) * limits->speed[i];
         slip.offset[i] = below(30) ? number(-0.1, 0.1) : nonsense(-0.1, 0.1);
         slip.rate[i] = number(-0.1, 0.1);
-        slip.asked[i] = reference.positions[i] + number(-0.1, 0.1);
         slip.before[i] = reference.velocities[i] + number(-0.1, 0.1);
     }
     UrReference asked = reference;

@@ -39,7 +39,6 @@ SLIP: Final = (
     "recent_s",
     "speed_up_s",
     "slow_down_s",
-    "jump_share",
     "nothing",
 )
 """Constants of missed_cycles, by which a slip is worked off."""

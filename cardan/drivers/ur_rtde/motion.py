@@ -59,7 +59,7 @@ class UrMotion:
         ):
             return None
         asked = self._asked if self._lost.working else None
-        if asked is None and self._lost.working:
+        if self._lost.working and (asked is None or self._lost.resumed):
             return None
         beat = (self.beat + 1) % _BEATS
         package = self._answer(command, period_s, beat, asked)

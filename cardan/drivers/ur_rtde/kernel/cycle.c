@@ -142,7 +142,6 @@ int32_t ur_follow(const UrCommands *commands, UrReference *reference, double dt_
 {
     const double *velocity = reference->velocities, nothing = commands->nothing;
     double ahead = 0.0, square = 0.0, faster = 0.0, size = 0.0;
-    double rejoined = 0.0, jump = 0.0;
     if (!is_period(dt_s) || !reference->has_velocities || !command_in_range(commands, reference))
         return 0;
     for (int i = 0; i < UR_JOINTS; i++) {
@@ -151,13 +150,8 @@ int32_t ur_follow(const UrCommands *commands, UrReference *reference, double dt_
         square += v * v;
         size += each * each;
         faster += r * (v + 0.5 * r);
-        double by = reference->positions[i] - slip->asked[i] - v * dt_s;
-        rejoined += (each - by) * (each - by);
-        jump += by * by;
     }
-    double least = commands->jump_share * dt_s;
-    if (!(square >= nothing * nothing) || !(size > 0.0) ||
-        (rejoined < size && jump > least * least * square))
+    if (!(square >= nothing * nothing) || !(size > 0.0))
         return 0;
     double fastest = slip->fastest * (1.0 - fmin(dt_s / commands->recent_s, 1.0)), back = 0.0;
     if (ahead > 0.0)

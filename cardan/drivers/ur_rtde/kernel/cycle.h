@@ -59,7 +59,7 @@ typedef struct {
     JointLimits limits;
     double largest_position, largest_velocity; /* of a command */
     /* WORK_OFF_S and so on of missed_cycles.py */
-    double work_off_s, work_off_share, recent_s, speed_up_s, slow_down_s, jump_share, nothing;
+    double work_off_s, work_off_share, recent_s, speed_up_s, slow_down_s, nothing;
     int32_t token, order;
     uint8_t head[UR_HEAD];
 } UrCommands;
@@ -75,7 +75,7 @@ typedef struct {
 /* SlipCompensation of missed_cycles.py in motion */
 typedef struct {
     double offset[UR_JOINTS], rate[UR_JOINTS], fastest;
-    double asked[UR_JOINTS], before[UR_JOINTS]; /* positions and speeds of the command before */
+    double before[UR_JOINTS]; /* speeds of the command before */
 } UrSlip;
 
 UR_API const char *ur_version(void);
@@ -87,7 +87,7 @@ UR_API int32_t ur_take(const UrStates *states, const uint8_t *data, int64_t leng
                        UrClock *clock, UrState *into);
 
 /* One period of SlipCompensation.step, which is added to the command. 0, and nothing is changed, where
- * the command rests or jumps to the robot, the slip ends, or a number is none or out of range. */
+ * the command rests, the slip ends, or a number is none or out of range. */
 UR_API int32_t ur_follow(const UrCommands *commands, UrReference *reference, double dt_s,
                          UrSlip *slip);
 

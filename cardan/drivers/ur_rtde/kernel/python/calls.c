@@ -30,8 +30,7 @@ static const size_t LAYOUT[] = {
     AT(UrCommands, limits.speed), AT(UrCommands, limits.acceleration),
     AT(UrCommands, largest_position), AT(UrCommands, largest_velocity),
     AT(UrCommands, work_off_s), AT(UrCommands, work_off_share), AT(UrCommands, recent_s),
-    AT(UrCommands, speed_up_s), AT(UrCommands, slow_down_s), AT(UrCommands, jump_share),
-    AT(UrCommands, nothing),
+    AT(UrCommands, speed_up_s), AT(UrCommands, slow_down_s), AT(UrCommands, nothing),
     AT(UrCommands, token), AT(UrCommands, order), AT(UrCommands, head),
 };
 
@@ -202,7 +201,6 @@ static bool read_slip(PyObject *self, PyObject *object, PyObject *asked, UrSlip 
         return false;
     Py_DecRef(interrupted);
     return interrupted == &_Py_FalseStruct && is_tuple(asked, 2) &&
-           floats(PyTuple_GetItem(asked, 0), UR_JOINTS, into->asked) &&
            floats(PyTuple_GetItem(asked, 1), UR_JOINTS, into->before) &&
            get_number(self, object, RESTED, &rested_s) && rested_s == 0.0 &&
            get_number(self, object, FASTEST, &into->fastest);
