@@ -308,10 +308,18 @@ class Stroke(NamedTuple):
 
 class Cell:
     """All robots, which send their states at their own rate, and the operator, who acts at any
-    phase."""
+    phase.
+
+    The robots ask in turns, spread over the period: sessions that answer at the same time would
+    wait for each other's processor, the later ones longer.
+    """
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
+        self._in_turn = list(robots.values())
+        self._turn_s = PERIOD_S / len(robots)
+        self._turn = 0
+        """Index of the robot that asks next, at _slot_s."""
         self._selector = selectors.SelectSelector()
         for robot in robots.values():
             self._selector.register(robot.socket, selectors.EVENT_READ, robot)
@@ -326,11 +334,13 @@ class Cell:
         while (now_s := time.monotonic()) < till_s:
             if now_s >= self._slot_s:
                 # A controller's clock does not wait for a busy computer: the cycles are skipped.
-                cycles = 1 + int((now_s - self._slot_s) / PERIOD_S)
+                cycles = int((now_s - self._slot_s) / PERIOD_S)
                 self._cycle += cycles
-                self._slot_s += cycles * PERIOD_S
-                for robot in self.robots.values():
-                    robot.ask(self._cycle)
+                self._slot_s += cycles * PERIOD_S + self._turn_s
+                self._in_turn[self._turn].ask(self._cycle)
+                self._turn = (self._turn + 1) % len(self._in_turn)
+                self._cycle += self._turn == 0
+                continue
             if now_s >= self._reported_s + REPORT_S:
                 self._reported_s = now_s
                 for robot in self.robots.values():
@@ -365,7 +375,8 @@ class Cell:
         phases, so that the wait for the next cycle contributes equally to all medians."""
         phase = self._strokes[robot] * GOLDEN % 1.0
         self._strokes[robot] += 1
-        self.play(self._slot_s + PERIOD_S * (1.0 + phase))
+        turns = (self._in_turn.index(robot) - self._turn) % len(self._in_turn)
+        self.play(self._slot_s + turns * self._turn_s + PERIOD_S * (1.0 + phase))
 
     def act(self, robot: Robot, **what: bool) -> float:
         """Perform the operator's action now; return its time."""
