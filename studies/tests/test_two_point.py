@@ -1,7 +1,5 @@
 """Two-point trajectories: against scripted replies, and in the driver's session."""
 
-import functools
-
 import pytest
 
 from cardan.conform.motoros_driver import simulated
@@ -83,12 +81,6 @@ def test_the_time_of_a_move_keeps_speed_and_acceleration():
     [
         driver_session.test_enabling_makes_a_new_session_whose_commands_move_the_robot,
         driver_session.test_unanswered_states_are_holds,
-        *(
-            functools.partial(
-                driver_session.test_how_bytes_are_cut_makes_no_difference, fault=fault
-            )
-            for fault in ({"split": 1.0}, {"merge": 1.0}, {"strict-recv": 1.0})
-        ),
         driver_session.test_braking_that_nobody_answers_ends_all_the_same,
         driver_session.test_leaving_ends_at_rest_and_in_time,
     ],
@@ -96,6 +88,25 @@ def test_the_time_of_a_move_keeps_speed_and_acceleration():
 def test_its_session_does_what_the_drivers_does(test, monkeypatch):
     monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
     test(mode="stream")
+
+
+def way_commanded(faults):
+    run = driver_session.turning(driver_session.bench("stream", faults=faults).ready()).run(0.8)
+    run.trace.clear()
+    run.run(1.0)
+    assert run.session.control.enabled
+    (begin_s, begin, _), (end_s, end, _) = run.trace[0], run.trace[-1]
+    # Each trajectory is from rest to rest: the speed is kept on average, and at no moment.
+    assert (end - begin) / (end_s - begin_s) == pytest.approx(0.4, rel=0.05)
+    return list(dict.fromkeys(position for _, position, _ in run.trace))
+
+
+@pytest.mark.parametrize("fault", ["split", "merge", "strict-recv"])
+def test_how_bytes_are_cut_makes_no_difference(fault, monkeypatch):
+    monkeypatch.setattr(SessionBench, "kind_of_session", TwoPointSession)
+    way = way_commanded({})
+    assert len(way) > 200
+    assert way_commanded({fault: 1.0}) == way
 
 
 @pytest.mark.parametrize("event", AT_ONCE)

@@ -118,7 +118,6 @@ class CollisionModel:
         owners += [(1, 0)] * (self.first_mover - fixed_to_base)
         owners += [(number, each.body) for number, each in moved]
         pairs = _without_inner(pairs, [solid.shape for solid in self.solids], owners)
-        # The body that moves more is the second of its pair.
         bodies = [solid.body for solid in self.solids]
         pairs = [(a, b) if bodies[a] <= bodies[b] else (b, a) for a, b in pairs]
         masks, sweeps = np.zeros((len(pairs), n)), np.zeros((len(pairs), n))
@@ -128,7 +127,7 @@ class CollisionModel:
             masks[row, low:high] = 1.0
             sweeps[row, low:high] = reach[low:high, second]
         self.pairs = tuple((self.solids[a].name, self.solids[b].name) for a, b in pairs)
-        """Names of the two shapes of each pair."""
+        """Names of the two shapes of each pair; the second's body moves more."""
         self.pair_solids = tuple(pairs)
         """Indices in `solids` of the two shapes of each pair."""
         self.with_obstacle = np.array([b >= fixed_to_base or a >= fixed_to_base for a, b in pairs])

@@ -325,10 +325,10 @@ class Planner:
         return self.collision.free_share(start, end, self.margins.own_body_m)
 
     def _collision(self, verb: str, pair: tuple[str, str], share: float) -> CollisionError:
-        comes, to = pair
+        to, comes = pair
         solids = self.collision.pair_solids[self.collision.pairs.index(pair)]
         if solids[0] >= self.collision.first_mover:
-            comes, to = to, f"{comes}, where that is now,"
+            to += ", where that is now,"
         return CollisionError(
             f"{verb}: {comes} would come too near to {to} after {share:.0%} of the way; "
             "go around it",

@@ -96,7 +96,7 @@ class ServoStatus(NamedTuple):
         if self.slowed:
             if self.active_pairs:
                 first, second = self.nearest_pair
-                found.append(f"{first} is {self.distance_m * 1e3:.0f} mm from {second}")
+                found.append(f"{second} is {self.distance_m * 1e3:.0f} mm from {first}")
             if self.singular:
                 found.append(f"singular ({self.smallest_singular_value:.3f})")
             if self.limiting_joints:

@@ -392,7 +392,7 @@ def test_a_collision_is_found_before_the_arm_moves():
     )
     world = quick(obstacles=[wall])
     for verb in ("movj", "movl"):
-        with pytest.raises(CollisionError) as found:
+        with pytest.raises(CollisionError, match=r": \w+ would come too near to wall") as found:
             getattr(world.verbs, verb)(world.moved(0.0, 0.0, -0.3))
         assert "wall" in found.value.pair
         assert 0.0 <= found.value.share < 1.0

@@ -138,7 +138,7 @@ def test_a_wall_is_kept_clear_of_and_said():
     status = run.core.status()
     assert 0.009 < status.arm.distance_m < 0.0105
     assert "wall" in status.arm.nearest_pair
-    assert any("wall" in words for words in status.arm.in_words())
+    assert any(words.endswith(" mm from wall") for words in status.arm.in_words())
     assert status.lead_used < 0.2  # no lead accumulated
     back = run.go(0.5, (-1.0, 0, 0, 0, 0, 0))
     assert back[0] < -0.04
