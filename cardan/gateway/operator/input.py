@@ -246,16 +246,18 @@ class OperatorInput:
             why = f"the clutch was not engaged: {self._refusal}; "
         deadman = self._deadman_words
         deflected = position is None and device.axes != NO_DEFLECTION
+        down = device.masked.intersection(options.deadman_buttons)
         if options.clutch:
-            first = "let go of the device, then " if deflected else ""
-            if options.clutch in device.buttons:
-                first = f"let go of {options.clutch!r}, then "
+            down |= (device.masked | device.buttons) & {options.clutch}
+        first = f"let go of {' and '.join(map(repr, sorted(down)))}, then " if down else ""
+        if options.clutch:
+            first = first or ("let go of the device, then " if deflected else "")
             while_held = f", with {deadman} held," if deadman else ""
             return f"{why}{first}press {options.clutch!r}{while_held} to move"
         if not deadman:
             return f"{why}let go of the device to go on"
         if arming is Arming.RELEASED:
-            return f"{why}press {deadman} to move"
+            return f"{why}{first}press {deadman} to move"
         if position is not None:
             return f"{why}let go of {deadman}, then press it to go on"
         return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"
