@@ -264,14 +264,16 @@ class OperatorInput:
 
     def rearming_instruction(self) -> str:
         """Return the instruction for re-arming."""
-        options = self.mapping.options
+        device, options = self._device, self.mapping.options
         if options.clutch:
             instruction = f"press {options.clutch!r}"
+            if device is not None and options.clutch in device.masked:
+                instruction = f"let go of {options.clutch!r}, then press it"
         elif options.deadman_buttons:
             instruction = f"let go of {self._deadman_words}, then press it"
         else:
             instruction = "move the device and let it go"
-        reason = "" if self._device is None else _why_not_live(self._device)
+        reason = "" if device is None else _why_not_live(device)
         return f"wait for the device ({reason}), then {instruction}" if reason else instruction
 
     # -- faults ----------------------------------------------------------------------------------

@@ -917,6 +917,12 @@ def test_the_act_is_an_instruction(options, act):
     )
 
 
+def test_the_act_with_a_clutch_from_before_the_device_counted_begins_with_its_release():
+    asked = Asked(CLUTCH)
+    asked.tick(masked=("right",))
+    assert asked.source.rearming_instruction() == "let go of 'right', then press it"
+
+
 def test_no_request_asks_for_nothing():
     assert tuple(NO_REQUEST) == (
         Arming.DISARMED, False, False, False, ZERO_TWIST, {}, False, False, "", ""
