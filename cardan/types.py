@@ -271,6 +271,9 @@ class DeviceState(NamedTuple):
     """Measured force and torque, for force-torque sensors."""
     inertia: Inertia | None = None
     """Inertial readings, if the device reports them."""
+    masked: frozenset[str] = frozenset()
+    """Names of buttons pressed while the device was not LIVE, which do not count until they are
+    released."""
 
 
 class DeviceCapabilities(NamedTuple):

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cardan.bus.options import BusOptions
 from cardan.common.sockets import is_loopback, make_runtime_folder, runtime_path
-from cardan.errors import AddressError
+from cardan.errors import AddressError, OptionError
 from cardan.types import NEVER_S
 
 LOOK_PERIOD_S = 1.0
@@ -45,6 +45,23 @@ def router_address(options: BusOptions) -> tuple[str, int] | None:
     if options.zenoh_config or protocol != "tcp" or not is_loopback(host) or not port.isdecimal():
         return None
     return host.strip("[]"), int(port)
+
+
+def router_addresses(endpoints: Iterable[str]) -> frozenset[tuple[str, int]]:
+    """Return the addresses, as of `router_address`, that a router at these endpoints serves."""
+    found = set()
+    for endpoint in endpoints:
+        with contextlib.suppress(OptionError):
+            address = router_address(BusOptions(router=_on_loopback(endpoint)))
+            if address is not None:
+                found.add(address)
+                if "127.0.0.1" in address or "localhost" in address:
+                    found |= {("127.0.0.1", address[1]), ("localhost", address[1])}
+    return frozenset(found)
+
+
+def _on_loopback(endpoint: str) -> str:
+    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/127.0.0.1:")
 
 
 def is_served(address: tuple[str, int]) -> bool:
@@ -88,7 +105,7 @@ def routers_here(served: Callable[[tuple[str, int]], bool] = is_served) -> list[
     for each in Path(runtime_path("")).glob(f"{_ANNOUNCED}*"):
         with contextlib.suppress(OSError, ValueError):
             for said in each.read_text(encoding="utf-8").splitlines():
-                endpoint = said.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/127.0.0.1:")
+                endpoint = _on_loopback(said)
                 address = router_address(BusOptions(router=endpoint))
                 if address is not None and served(address):
                     found.add(endpoint)
@@ -108,12 +125,14 @@ class RouterKeeper:
         options: BusOptions | None,
         *,
         served: Callable[[tuple[str, int]], bool] = is_served,
+        promised: Callable[[tuple[str, int]], bool] = lambda _address: False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`options`: those of the node that needs the router; None: no node does."""
+        """`options`: those of the node that needs the router; None: no node does. `promised`
+        returns True while another program is to serve there: this object's router leaves then."""
         self._endpoint = "" if options is None else options.router
         self._address = None if options is None else router_address(options)
-        self._served, self._clock = served, clock
+        self._served, self._promised, self._clock = served, promised, clock
         self._process: subprocess.Popen[bytes] | None = None
         self._looked_s = self._failed_s = NEVER_S
 
@@ -131,6 +150,10 @@ class RouterKeeper:
         if process is not None and process.poll() is not None:
             self._process = None
             self._tell(process)
+        if self._promised(self._address):
+            if self._process is not None:
+                self._process.terminate()
+            return
         if self._process is not None or self._served(self._address):
             return
         if self._clock() - self._failed_s >= RESTART_PAUSE_S:
@@ -162,7 +185,8 @@ class RouterKeeper:
     def _tell(self, ended: subprocess.Popen[bytes]) -> None:
         with ended:
             said = b"" if ended.stderr is None else ended.stderr.read()
-        if self._address is not None and not self._served(self._address):
+        address = self._address
+        if address is not None and not (self._promised(address) or self._served(address)):
             self._failed_s = self._clock()
             words = said.decode("utf-8", "replace").strip().rpartition("\n")[2]
             _log.warning("the router at %s has ended: %s", self._endpoint, words or "no reason")

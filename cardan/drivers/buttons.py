@@ -21,25 +21,26 @@ class ButtonEdges:
     def __init__(self) -> None:
         self.held: frozenset[str] = frozenset()
         self.lost_edges = 0
-        self._masked: frozenset[str] = frozenset()
+        self.masked: frozenset[str] = frozenset()
+        """Buttons that count as released until they are reported released."""
         self.queued: deque[ButtonEvent] = deque(maxlen=MAX_EVENTS)
         """Edges since the last call of `events`."""
 
     def set(self, labels: Sequence[str], now_s: float) -> None:
         """Set the pressed buttons to `labels` at `now_s`. Queues the edges, releases first."""
-        if self._masked:
-            self._masked &= frozenset(labels)
-            labels = [label for label in labels if label not in self._masked]
+        if self.masked:
+            self.masked &= frozenset(labels)
+            labels = [label for label in labels if label not in self.masked]
         self._show(labels, now_s)
 
     def mask(self, labels: Sequence[str]) -> None:
         """Count these as released until they are reported released: the time of their press is
         unknown."""
-        self._masked |= frozenset(labels)
+        self.masked |= frozenset(labels)
 
     def release_all(self, now_s: float) -> None:
         """Count every button as released, because their state is unknown now."""
-        self._masked |= self.held
+        self.masked |= self.held
         self._show((), now_s)
 
     def events(self) -> list[ButtonEvent]:

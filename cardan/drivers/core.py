@@ -136,6 +136,7 @@ class DeviceCore(ABC):
                 "" if live else self._why(),
                 self._wrench(),
                 self._inertia(now_s),
+                self._buttons.masked,
             )
         return self._cached
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from cardan.bus import router as module
-from cardan.bus.options import BusOptions
+from cardan.bus.options import ROUTER, BusOptions
 from cardan.bus.router import (
     LOOK_PERIOD_S,
     RESTART_PAUSE_S,
@@ -16,6 +16,7 @@ from cardan.bus.router import (
     announced,
     is_served,
     router_address,
+    router_addresses,
     routers_here,
 )
 from cardan.cli.bus import bus_options
@@ -85,9 +86,13 @@ class FakeProcess:
 class Bench:
     def __init__(self, monkeypatch, options=None):
         self.started, self.served, self.now_s = [], False, 10.0
+        self.promised = frozenset()
         monkeypatch.setattr(module.subprocess, "Popen", self.start)
         self.keeper = RouterKeeper(
-            options or BusOptions(), served=lambda _address: self.served, clock=lambda: self.now_s
+            options or BusOptions(),
+            served=lambda _address: self.served,
+            promised=lambda address: address in self.promised,
+            clock=lambda: self.now_s,
         )
 
     def start(self, words, **pipes):
@@ -140,6 +145,31 @@ def test_who_comes_second_is_content(monkeypatch, caplog):
     assert caplog.messages == []
     bench.keeper.close()
     assert not bench.started[0].ended
+
+
+def test_none_is_started_where_another_program_is_to_serve_and_a_started_one_leaves(
+    monkeypatch, caplog
+):
+    bench = Bench(monkeypatch)
+    bench.promised = router_addresses(["tcp/[::]:7447"])
+    assert bench.poll() == 0
+    bench.promised = router_addresses(["tcp/[::]:7448"])
+    assert bench.poll() == 1
+    bench.promised = router_addresses([ROUTER])
+    assert bench.poll() == 1
+    assert bench.started[0].ended
+    bench.poll()
+    bench.promised = frozenset()
+    assert bench.poll() == 2
+    assert caplog.messages == []
+
+
+def test_the_addresses_of_a_router_are_those_that_programs_here_reach():
+    here = {("127.0.0.1", 7), ("localhost", 7)}
+    for endpoint in ("tcp/127.0.0.1:7", "tcp/localhost:7", "tcp/0.0.0.0:7", "tcp/[::]:7"):
+        assert router_addresses([endpoint]) == here
+    others = ["tcp/192.168.1.10:7", "tls/127.0.0.1:7", "nonsense", ""]
+    assert router_addresses([*others, "tcp/127.0.0.2:8"]) == {("127.0.0.2", 8)}
 
 
 def test_a_router_that_ends_is_started_anew_after_a_pause_and_said_so(monkeypatch, caplog):

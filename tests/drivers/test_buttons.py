@@ -47,7 +47,9 @@ def test_a_button_held_through_a_loss_counts_once_it_was_seen_up():
     edges.release_all(2.0)
     edges.set(["a", "b"], 3.0)
     assert edges.held == {"b"}
+    assert edges.masked == {"a"}
     edges.set(["b"], 4.0)
+    assert edges.masked == frozenset()
     edges.set(["a", "b"], 5.0)
     assert edges.held == {"a", "b"}
     assert [event for event in edges.events() if event.button == "a"] == [

@@ -123,7 +123,9 @@ def test_a_button_that_was_held_through_trouble_is_no_press(live):
     assert live.state(1.2).buttons == frozenset()
     live.on_report(REST, ("trigger",), 1.3)
     assert live.state(1.3).buttons == frozenset()
+    assert live.state(1.3).masked == {"trigger"}
     live.on_report(REST, (), 1.31)
+    assert live.state(1.31).masked == frozenset()
     live.on_report(REST, ("trigger",), 1.32)
     assert live.state(1.32).buttons == {"trigger"}
 

@@ -16,7 +16,7 @@ from cardan.gateway.session.assembly import make_robot, make_verbs
 from cardan.gateway.session.config import parse_config
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from cardan.recording.verify import verify
-from cardan.types import DeviceLink, Inertia, RobotLink, Vector3
+from cardan.types import DeviceLink, DeviceState, Inertia, RobotLink, Vector3
 from tests.recording.sessions import NODE, NS, STRING, TABLES, Recorded
 
 
@@ -266,12 +266,17 @@ def test_a_cycle_reads_back_as_it_was(recorded):
 
 def test_a_devices_inertia_reads_back_as_it_was(recorded):
     table = json.loads(recorded.texts[400])
+    place = DeviceState._fields.index("inertia")
     for rates in (None, [0.1, 0.2, 0.3]):
-        table["device"][-1] = [[0.0, 0.5, 9.8], rates]
+        table["device"][place] = [[0.0, 0.5, 9.8], rates]
         inertia = decode_cycle(json.dumps(table)).device.inertia
         assert inertia == Inertia(Vector3(0.0, 0.5, 9.8), rates and Vector3(*rates))
         assert type(inertia.acceleration) is Vector3
+    table["device"][-1] = ["left"]
+    assert decode_cycle(json.dumps(table)).device.masked == {"left"}
     del table["device"][-1]  # like records from before the key existed
+    assert decode_cycle(json.dumps(table)).device.masked == frozenset()
+    del table["device"][place:]
     assert decode_cycle(json.dumps(table)).device.inertia is None
 
 

@@ -133,6 +133,7 @@ def _device(*row: Any) -> DeviceState:
         pose=_pose(state.pose),
         wrench=_wrench(state.wrench),
         inertia=_inertia(state.inertia),
+        masked=frozenset(state.masked),
     )
 
 

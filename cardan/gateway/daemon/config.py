@@ -20,6 +20,7 @@ Other files may have, together or each for itself::
 from __future__ import annotations
 
 import contextlib
+import json
 import pickle
 import re
 import subprocess
@@ -29,6 +30,8 @@ from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
+from cardan.bus.node import router_config
+from cardan.bus.router import router_addresses
 from cardan.common import bounds
 from cardan.common.options import (
     OTHER_KEYS,
@@ -43,6 +46,7 @@ from cardan.common.tables import read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError, about, below
 from cardan.gateway.servers import registry as server_registry
+from cardan.gateway.servers.router import RouterOptions
 from cardan.gateway.session.assembly import checked_config
 from cardan.gateway.session.config import SessionConfig
 
@@ -131,6 +135,8 @@ class ServerEntry(NamedTuple):
     """Options of ``cardan net server``."""
     start: bool
     file: Path
+    routed: frozenset[tuple[str, int]] = frozenset()
+    """Addresses of this computer at which it is a router, as of `router_address`."""
 
 
 class DaemonConfig(NamedTuple):
@@ -336,7 +342,8 @@ class _Reading:
             server = table.server or name
             server_registry.load(server)
             words = tuple(_words(table.options))
-        return ServerEntry(server, words, table.start, named.file)
+            routed = _routed(table.options) if server == "router" else frozenset()
+        return ServerEntry(server, words, table.start, named.file, routed)
 
 
 @contextlib.contextmanager
@@ -380,6 +387,22 @@ def _server_kinds(server: str) -> Iterator[Any]:
     while kinds:
         yield (kind := kinds.pop())
         kinds += filter(is_dataclass, hints(kind).values())
+
+
+def _routed(options: Mapping[str, Any]) -> frozenset[tuple[str, int]]:
+    """Return where a router of these options serves. Its own process reports what is wrong."""
+    endpoints: Any = options.get("endpoint", RouterOptions.endpoint)
+    if file := options.get("zenoh_config"):
+        try:
+            config = router_config((), (), str(file))
+        except (ConfigurationError, ExtraMissingError):
+            return frozenset()
+        endpoints = json.loads(config.get_json("listen/endpoints"))
+        if isinstance(endpoints, dict):  # by Zenoh's modes
+            endpoints = endpoints.get("router", ())
+    return router_addresses(
+        map(str, endpoints if isinstance(endpoints, (list, tuple)) else [endpoints])
+    )
 
 
 def _words(options: Mapping[str, Any]) -> Iterable[str]:

@@ -130,6 +130,9 @@ class Daemon:
         """Clients to be notified of a motion, by session and the motion's id."""
         self._shared: dict[str, SharedDevice] = {}
         """The devices that several sessions share, by name."""
+        self._routed: frozenset[tuple[str, int]] = frozenset()
+        """Addresses at which servers of this daemon are to be the router; replaced, as threads of
+        sessions read it."""
         for name, session in config.sessions.items():
             self._add(SessionService(name, session, config.daemon.start_limit), session.start)
         for name, server in config.servers.items():
@@ -144,6 +147,7 @@ class Daemon:
             service.gone = lambda reason: self._session_gone(name, reason)
             service.has_device = lambda: self._holder(name) in ("", name)
             service.lent = lambda: self._lent(name)
+            service.router_promised = lambda address: address in self._routed
         if start:
             service.unit.start(time.monotonic())
 
@@ -304,6 +308,8 @@ class Daemon:
                 connection.tell(Response(ask.id, "event", event._asdict()))
 
     def _look_after(self, now_s: float) -> None:
+        servers = (each for each in self._services.values() if isinstance(each, ServerService))
+        self._routed = frozenset().union(*(s.entry.routed for s in servers if s.unit.wanted))
         for service in list(self._services.values()):
             unit = service.unit
             if isinstance(service, SessionService) and service.changes_wait and not service.engaged:

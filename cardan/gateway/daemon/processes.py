@@ -80,9 +80,11 @@ class RunningSession(Process):
         over: Over,
         answered: Callable[[bytes], None],
         has_device: bool = True,
+        router_promised: Callable[[tuple[str, int]], bool] = lambda _address: False,
     ) -> None:
         """Start it. `answered` gets its replies and the states of motions; `has_device`: whether it
-        begins with its operator device. Raises OSError."""
+        begins with its operator device; `router_promised` returns True for the address of a router
+        that the daemon runs, from any thread. Raises OSError."""
         self.snapshot = Snapshot(device=DeviceSnapshot(held=has_device))
         """The newest snapshot."""
         self.due_s = time.monotonic() + STARTS_WITHIN_S
@@ -90,7 +92,11 @@ class RunningSession(Process):
         self._over, self._answered = over, answered
         self._lines = Lines(say)
         self._process = SessionProcess(
-            config, say=self._lines.take, has_device=has_device, log_format=LogFormat.PRIORITY
+            config,
+            say=self._lines.take,
+            has_device=has_device,
+            log_format=LogFormat.PRIORITY,
+            router_promised=router_promised,
         )
         self._thread = threading.Thread(target=self._follow, name="cardan-follow", daemon=True)
         self._thread.start()

@@ -118,6 +118,8 @@ class SessionService(DaemonService):
         """Returns whether it begins with its device, which other sessions may have."""
         self.lent: Callable[[], str] = lambda: ""
         """Returns the place of its device, as text."""
+        self.router_promised: Callable[[tuple[str, int]], bool] = lambda _address: False
+        """Returns whether a server of the daemon is to be the router there; for any thread."""
 
     @property
     def snapshot(self) -> Snapshot:
@@ -141,6 +143,7 @@ class SessionService(DaemonService):
             over,
             lambda packet: post(lambda: self.answered(packet)),
             self.has_device(),
+            self.router_promised,
         )
 
     def figures(self, now_s: float) -> dict[str, Any]:

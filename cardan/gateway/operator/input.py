@@ -246,30 +246,34 @@ class OperatorInput:
             why = f"the clutch was not engaged: {self._refusal}; "
         deadman = self._deadman_words
         deflected = position is None and device.axes != NO_DEFLECTION
+        down = device.masked.intersection(options.deadman_buttons)
         if options.clutch:
-            first = "let go of the device, then " if deflected else ""
-            if options.clutch in device.buttons:
-                first = f"let go of {options.clutch!r}, then "
+            down |= (device.masked | device.buttons) & {options.clutch}
+        first = f"let go of {' and '.join(map(repr, sorted(down)))}, then " if down else ""
+        if options.clutch:
+            first = first or ("let go of the device, then " if deflected else "")
             while_held = f", with {deadman} held," if deadman else ""
             return f"{why}{first}press {options.clutch!r}{while_held} to move"
         if not deadman:
             return f"{why}let go of the device to go on"
         if arming is Arming.RELEASED:
-            return f"{why}press {deadman} to move"
+            return f"{why}{first}press {deadman} to move"
         if position is not None:
             return f"{why}let go of {deadman}, then press it to go on"
         return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"
 
     def rearming_instruction(self) -> str:
         """Return the instruction for re-arming."""
-        options = self.mapping.options
+        device, options = self._device, self.mapping.options
         if options.clutch:
             instruction = f"press {options.clutch!r}"
+            if device is not None and options.clutch in device.masked:
+                instruction = f"let go of {options.clutch!r}, then press it"
         elif options.deadman_buttons:
             instruction = f"let go of {self._deadman_words}, then press it"
         else:
             instruction = "move the device and let it go"
-        reason = "" if self._device is None else _why_not_live(self._device)
+        reason = "" if device is None else _why_not_live(device)
         return f"wait for the device ({reason}), then {instruction}" if reason else instruction
 
     # -- faults ----------------------------------------------------------------------------------

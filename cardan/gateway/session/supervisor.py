@@ -69,13 +69,14 @@ class SessionProcess:
         say: Callable[[bytes], None] = _to_stderr,
         has_device: bool = True,
         log_format: LogFormat = LogFormat.TEXT,
+        router_promised: Callable[[tuple[str, int]], bool] = lambda _address: False,
     ) -> None:
         """Start it; `through` as in :func:`supervise`. `has_device`: whether it begins with its
         operator device, or waits until TAKE is sent. `say` gets its standard output and standard
         error, in a thread of its own: if that blocks or fails the output is lost, and nothing waits
         for it. It logs at the level of the logger ``cardan`` of this process, each line in
-        `log_format`."""
-        self._config = config
+        `log_format`. `router_promised`: as `promised` of RouterKeeper."""
+        self._config, self._router_promised = config, router_promised
         self._stopping = False
         self._give_up_s = math.inf
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -142,7 +143,8 @@ class SessionProcess:
         session's end and is raised afterwards. So does `poll`, called several times a second, by
         returning False. No beat is sent while `shown` returns False."""
         last = Snapshot()
-        with contextlib.closing(RouterKeeper(self._config.network)) as router:
+        keeper = RouterKeeper(self._config.network, promised=self._router_promised)
+        with contextlib.closing(keeper) as router:
 
             def run_due() -> bool:
                 router.poll()

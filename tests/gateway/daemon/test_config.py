@@ -78,6 +78,26 @@ def test_a_servers_keys_are_its_options(folder):
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("router", "ports"),
+    [
+        ("", {7447}),
+        ('endpoint = ["tcp/127.0.0.1:7448", "tcp/192.168.1.10:7449"]', {7448}),
+        ('endpoint = "tcp/[::]:7448"', {7448}),
+        ('server = "rosbridge"', set()),
+        ('zenoh_config = "a.json5"', {7441}),
+        ('zenoh_config = "b.json5"', {7442}),
+        ('zenoh_config = "c.json5"', set()),
+    ],
+)
+def test_where_a_server_is_the_router(folder, router, ports):
+    (folder / "a.json5").write_text('{listen: {endpoints: ["tcp/127.0.0.1:7441"]}}')
+    (folder / "c.json5").write_text("{")
+    (folder / "b.json5").write_text('{listen: {endpoints: {router: ["tcp/127.0.0.1:7442"]}}}')
+    routed = read(folder, lab=f"[servers.router]\n{router}\n").servers["router"].routed
+    assert {port for _, port in routed} == ports
+
+
 def test_the_former_name_of_the_servers_is_refused_by_the_new_one(folder):
     old = '[faces.web]\nface = "rosbridge"\n'
     with pytest.raises(ConfigurationError, match="faces: is now: servers, and `face` in it is"):

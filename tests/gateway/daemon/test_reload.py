@@ -2,6 +2,7 @@
 
 import errno
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -31,8 +32,9 @@ linear_speed_m_s = {speed}
 class Response(RunningSession):
     """A running session without a process."""
 
-    def __init__(self, config, say, over, answered, has_device=True):
+    def __init__(self, config, say, over, answered, has_device=True, router_promised=None):
         self.config, self.over, self.has_device = config, over, has_device
+        self.router_promised = router_promised
         self.snapshot = Snapshot.of(
             {"arm": {"phase": "moving", "authority": "verbs"}, "device": {"held": has_device}}
         )
@@ -392,6 +394,21 @@ def test_who_had_a_device_alone_keeps_it_when_another_one_comes_to_share_it(lab)
     assert not lab.session("zero").has_device
     lab.daemon._pass_devices()
     assert not lab.session("one").reported
+
+
+def test_sessions_run_no_router_where_a_server_of_the_daemon_is_to(lab, monkeypatch):
+    monkeypatch.setattr(services, "RunningServer", lambda *_given: SimpleNamespace(stop=int))
+    promised, address = lab.session("one").router_promised, ("127.0.0.1", 7999)
+    assert not promised(address)
+    with lab.file.open("a") as file:
+        file.write('[servers.router]\nendpoint = "tcp/0.0.0.0:7999"\n')
+    lab.reload()
+    lab.look()
+    assert promised(address)
+    assert not promised(("127.0.0.1", 7447))
+    lab.service("router").unit.stop(time.monotonic())
+    lab.look()
+    assert not promised(address)
 
 
 def test_what_keeps_the_files_from_being_read_is_said(lab, monkeypatch):

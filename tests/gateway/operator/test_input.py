@@ -49,10 +49,19 @@ class Asked:
         self.source.disarm()
 
     def tick(
-        self, axes=REST, *buttons, events=(), link=DeviceLink.LIVE, age_s=0.0, pose=None, **view
+        self,
+        axes=REST,
+        *buttons,
+        events=(),
+        link=DeviceLink.LIVE,
+        age_s=0.0,
+        pose=None,
+        masked=(),
+        **view,
     ):
         self.now_s += DT_S
         device = DeviceState(self.now_s - age_s, link, axes, frozenset(buttons), pose)
+        device = device._replace(masked=frozenset(masked))
         robot = RobotState(self.now_s, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
         edges = [ButtonEvent(self.now_s - age, name, down) for name, down, age in events]
         known = {"arming": self.arming, "free": True}
@@ -839,6 +848,37 @@ def test_how_to_go_on_is_reported(options, arming, axes, held, words):
     assert asked.source.advice("why; ", arming) == f"why; {words}"
 
 
+@pytest.mark.parametrize(
+    ("options", "masked", "words"),
+    [
+        (DEADMAN, ("left",), "let go of 'left', then press 'left' to move"),
+        (DEADMAN, ("right",), "press 'left' to move"),
+        (
+            TWO,
+            ("left", "right"),
+            "let go of 'left' and 'right', then press 'left' or 'right' to move",
+        ),
+        (CLUTCH, ("right",), "let go of 'right', then press 'right' to move"),
+        (
+            CLUTCHES,
+            ("up",),
+            "let go of 'up', then press 'right', with 'left' or 'up' held, to move",
+        ),
+        (
+            CLUTCHES,
+            ("right", "up"),
+            "let go of 'right' and 'up', then press 'right', with 'left' or 'up' held, to move",
+        ),
+    ],
+)
+def test_a_button_from_before_the_device_counted_is_to_be_let_go_of(options, masked, words):
+    asked = Asked(options)
+    assert not asked.tick(masked=masked).armed
+    arming = asked.arming if options.clutch else Arming.RELEASED
+    assert asked.arming is arming
+    assert asked.source.advice("", arming) == words
+
+
 def test_a_reason_that_is_the_device_s_own_is_reported_once():
     asked = Asked()
     asked.tick(link=DeviceLink.LOST)
@@ -875,6 +915,12 @@ def test_the_act_is_an_instruction(options, act):
         asked.source.rearming_instruction()
         == f"wait for the device (the device is lost), then {act}"
     )
+
+
+def test_the_act_with_a_clutch_from_before_the_device_counted_begins_with_its_release():
+    asked = Asked(CLUTCH)
+    asked.tick(masked=("right",))
+    assert asked.source.rearming_instruction() == "let go of 'right', then press it"
 
 
 def test_no_request_asks_for_nothing():
