@@ -118,6 +118,12 @@ class RemoteArm(CartesianArm):
         self._ended, self._rests = "", True
         self._early.clear()
 
+    @property
+    def endless(self) -> bool:
+        """True while a motion of this client without an end is under way."""
+        with self._lock:
+            return any(not each.ends for each in self._motions.values())
+
     def take(self, packet: bytes) -> bool:
         """Handle a received packet; return False if it is no answer. Raises PacketError for a
         malformed one."""

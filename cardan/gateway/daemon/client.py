@@ -25,6 +25,7 @@ from cardan.gateway.daemon.control import (
     decode_response,
     encode_ask,
 )
+from cardan.gateway.session.supervisor_heartbeat import BEAT_PERIOD_S
 
 ANSWER_S: Final = 10.0
 """Longest wait for an answer."""
@@ -137,10 +138,10 @@ def daemon_arm(name: str, *, path: str = "", source: str = VERBS) -> RemoteArm:
             arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
             arm.wait()
 
-    When this program ends, its streams and motions without end are ended; `close` leaves the arm to
-    the daemon. `path`: of the daemon's socket. `source`: name of this client, which gets the
-    authority. Raises ConfigurationError; `open` raises AddressError, or DriverError if the session
-    takes no requests.
+    When this program ends, or is suspended for 0.5 s, its streams and motions without end are
+    ended; `close` leaves the arm to the daemon. `path`: of the daemon's socket. `source`: name of
+    this client, which gets the authority. Raises ConfigurationError; `open` raises AddressError, or
+    DriverError if the session takes no requests.
     """
     return RemoteArm(partial(_connect, name, path), source)
 
@@ -159,6 +160,15 @@ def _connect(name: str, path: str, arm: RemoteArm) -> Callable[[], None]:
         with sending:
             client.send(Ask(request["id"], "ask", name, request))
 
+    over = threading.Event()
+
+    def beat() -> None:
+        with contextlib.suppress(AddressError):  # The reader reports the end.
+            while not over.wait(BEAT_PERIOD_S):
+                if arm.endless:
+                    with sending:
+                        client.send(Ask(0, "beat"))  # No request of the arm has this id.
+
     def read() -> None:
         why = "the daemon has ended"
         try:
@@ -170,16 +180,20 @@ def _connect(name: str, path: str, arm: RemoteArm) -> Callable[[], None]:
         except CardanError as error:
             why = str(error)
         finally:
+            over.set()
             arm.end(why)
 
     arm.begin(send)
     reader = threading.Thread(target=read, name="cardan-daemon", daemon=True)
     reader.start()
+    beats = threading.Thread(target=beat, name="cardan-beats", daemon=True)
+    beats.start()
 
     def disconnect() -> None:
         with contextlib.suppress(OSError):
             client._sock.shutdown(socket.SHUT_RDWR)
         reader.join()
+        beats.join()
         client.close()
 
     return disconnect

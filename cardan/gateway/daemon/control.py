@@ -2,7 +2,9 @@
 
 A request is ``{"id": 1, "do": "start", "name": "gofa"}``; its answer ``{"id": 1, "result": ...}``
 or ``{"id": 1, "error": "..."}``. Continuing requests (``watch``, ``log``, ``ask``) are answered by
-any number of ``{"id": 1, "event": ...}``. No I/O; malformed lines raise ControlError.
+any number of ``{"id": 1, "event": ...}``. A client whose endless motion is under way sends
+``{"id": 2, "do": "beat"}`` every BEAT_PERIOD_S, which has no answer: the motion ends when nothing
+has come from it for CLIENT_SILENCE_S. No I/O; malformed lines raise ControlError.
 """
 
 from __future__ import annotations
@@ -13,12 +15,15 @@ from typing import Any, Final, NamedTuple
 from cardan.errors import CardanError, shown
 from cardan.gateway.servers.tokens import Role
 
+CLIENT_SILENCE_S: Final = 0.5
+"""Longest silence of a client whose endless motion is under way, as for a session's supervisor."""
+
 MAX_LINE_BYTES: Final = 64 * 1024
 """Longest line of a request: one of a verb has 4 kB. Answers may be longer."""
 
 NEEDS: Final = {
     **dict.fromkeys(
-        ("units", "devices", "snapshot", "figures", "version", "watch", "log", "events"),
+        ("units", "devices", "snapshot", "figures", "version", "watch", "log", "events", "beat"),
         Role.VIEWER,
     ),
     **dict.fromkeys(("start", "stop", "restart", "switch", "ask"), Role.OPERATOR),

@@ -38,7 +38,7 @@ from cardan.gateway.daemon.changes import (
     of_session,
 )
 from cardan.gateway.daemon.config import DaemonConfig, ServerEntry, SessionEntry, sharers
-from cardan.gateway.daemon.control import Ask, ControlError, Response
+from cardan.gateway.daemon.control import CLIENT_SILENCE_S, Ask, ControlError, Response
 from cardan.gateway.daemon.device_sharing import Order, SessionState, SharedDevice
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
 from cardan.gateway.daemon.processes import (
@@ -255,6 +255,7 @@ class Daemon:
         self._find_events()
         self._pass_devices()
         self._tell_watchers(now_s)
+        self._end_of_silent()
         server.poll(0.0 if len(self._events) else POLL_S)
         with contextlib.suppress(InboxEmptyError):
             for _ in range(CALLS_A_TURN):
@@ -520,6 +521,9 @@ class Daemon:
                 rows = self._rows(watcher.ask.name)
                 watcher.connection.tell(Response(watcher.ask.id, "event", rows))
 
+    def _do_beat(self, _ask: Ask, _connection: ControlConnection) -> None:
+        """Do nothing: the connection has recorded its time."""
+
     def _do_log(self, ask: Ask, connection: ControlConnection) -> Any:
         if ask.name:
             self._named(ask)
@@ -619,6 +623,7 @@ class Daemon:
         result = table.get("result")
         if isinstance(result, dict) and result.get("outcome") in _UNDER_WAY and "ends" in result:
             self._motions[name, result["id"]] = route._replace(note=result)
+            route.connection.heard_s = time.monotonic()  # Its beats begin with this answer.
             if route.connection.open:
                 route.connection.gone.append(lambda: self._asker_gone(name, result["id"]))
             else:
@@ -646,10 +651,24 @@ class Daemon:
     def _asker_gone(self, name: str, motion: int) -> None:
         """End the motion without end of a client that has disconnected."""
         route = self._motions.pop((name, motion), None)
+        if route is not None and route.endless:
+            self._stop_motion(name)
+
+    def _end_of_silent(self) -> None:
+        """End the motions without end of clients that are suspended."""
+        for key, route in list(self._motions.items()):
+            if route.endless and route.connection.silent_s > CLIENT_SILENCE_S:
+                name = key[0]
+                self._motions[key] = route._replace(endless=False)
+                silent_s = route.connection.silent_s
+                what = f"{route.note['verb']} of {route.note['source']} is stopped"
+                why = f"nothing came from its program for {silent_s:.1f} s: it is suspended"
+                self._happened(Event(time.time(), name, "message", what, why))
+                self._stop_motion(name)
+
+    def _stop_motion(self, name: str) -> None:
         service = self._services.get(name)
-        if route is None or not route.endless or service is None:
-            return
-        process = service.process
+        process = None if service is None else service.process
         if isinstance(process, RunningSession):
             request = {"id": next(self._ids), "source": "daemon", "verb": "stop"}
             with contextlib.suppress(OSError):

@@ -79,6 +79,8 @@ class ControlConnection:
         self.empty_s = self.since_s = time.monotonic()
         """Last time at which no data of it waited to be read; and the same when `asked` was read:
         its lines arrived later."""
+        self.heard_s = self.empty_s
+        """Time of the last data."""
         self.backlog = Backlog()
         self._unsent = bytearray()
         self.open = True
@@ -96,6 +98,11 @@ class ControlConnection:
         for each in responses:
             self._unsent += encode_response(each)
         self.flush()
+
+    @property
+    def silent_s(self) -> float:
+        """Time for which certainly nothing has arrived; a pause of this process does not count."""
+        return self.empty_s - self.heard_s
 
     @property
     def waits(self) -> bool:
@@ -232,6 +239,7 @@ class ControlServer:
         except OSError:
             data = b""
         connection.since_s, now_s = connection.empty_s, time.monotonic()
+        connection.heard_s = now_s
         if len(data) < READ_BYTES:
             connection.empty_s = now_s
         if not data:

@@ -94,7 +94,7 @@ def test_a_group_may_be_let_in(tmp_path):
         assert is_served(path)
 
 
-READS = ("units", "devices", "snapshot", "figures", "version", "watch", "log", "events")
+READS = ("units", "devices", "snapshot", "figures", "version", "watch", "log", "events", "beat")
 MOVES = ("start", "stop", "restart", "switch")
 
 

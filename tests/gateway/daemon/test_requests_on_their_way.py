@@ -14,7 +14,7 @@ from cardan.gateway.arm.requests import LATE_S
 from cardan.gateway.daemon import server as serving
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.config import read_daemon_config
-from cardan.gateway.daemon.control import Ask, LineReader, decode_response
+from cardan.gateway.daemon.control import CLIENT_SILENCE_S, Ask, LineReader, decode_response
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.daemon.restart_policy import Ended
@@ -124,6 +124,41 @@ def test_also_who_has_left_before_it_began(bench, verb, stops):
     bench.leaves()
     bench.begins(verb)
     assert bench.asked == [verb, *(["stop"] if stops else [])]
+
+
+@pytest.mark.parametrize(("verb", "stops"), [("movv", True), ("movl", False)])
+def test_a_suspended_client_loses_a_motion_without_an_end(bench, verb, stops):
+    bench.ask(verb)
+    bench.begins(verb)
+    bench.heard()
+    began_s = bench.connection.heard_s
+    for silent_s, stopped in ((CLIENT_SILENCE_S, False), (CLIENT_SILENCE_S + 0.01, stops)):
+        bench.connection.empty_s = began_s + silent_s
+        bench.daemon._end_of_silent()
+        assert bench.asked == [verb, *(["stop"] if stopped else [])]
+    bench.daemon._end_of_silent()
+    assert bench.asked.count("stop") == int(stops)
+    # It is still connected, and learns how its motion ended.
+    note = {"id": 3, "verb": verb, "outcome": "stopped", "reason": "stopped by daemon"}
+    bench.service.answered(json.dumps({"motion": note}).encode())
+    assert bench.heard().value["motion"] == note
+    said = [each.why for each in bench.daemon._recent if each.event == "message"]
+    assert [each.startswith("nothing came from its program for 0.5 s") for each in said] == [
+        True
+    ] * stops
+
+
+def test_the_silence_of_a_client_begins_with_the_answer_about_its_motion(bench):
+    """A motion may wait for another one to brake; and what a paused daemon has not read yet
+    is no silence."""
+    bench.ask("movv")
+    bench.connection.heard_s -= 60.0
+    bench.begins("movv")
+    bench.daemon._end_of_silent()
+    bench.connection.heard_s -= 60.0
+    bench.connection.empty_s = bench.connection.heard_s
+    bench.daemon._end_of_silent()
+    assert bench.asked == ["movv"]
 
 
 def test_what_a_session_owes_when_it_ends_is_reported(bench):

@@ -206,6 +206,32 @@ def test_who_waits_for_a_session_that_is_killed_is_reported_at_once(one):
 
 
 @pytest.mark.real
+def test_a_command_that_is_suspended_moves_nothing(one):
+    """As Ctrl-Z does; while it runs, its heartbeat lets the arm go on for longer than a silence."""
+
+    def height_m():
+        return json.loads(one.cardan("daemon", "arm", "one", "stat", "--json"))["pose"][2]
+
+    with daemon_arm("one", path=one.socket) as arm:
+        done_again(lambda: gone(one, arm, HERE))
+    up = ("0", "0", "0.02", "0", "0", "0")
+
+    def suspended():
+        before_m = height_m()
+        with Program("daemon", "arm", "one", "movv", *up, "--socket", one.socket) as program:
+            ended = program.process.poll
+            until(lambda: ended() is not None or height_m() > before_m + 0.02, "a second's motion")
+            program.process.send_signal(signal.SIGSTOP)
+            until(lambda: one.row("one")["phase"] not in ("moving", "braking"), "the arm's rest")
+            program.process.send_signal(signal.SIGCONT)
+            until(lambda: ended() is not None, "the command's end")
+            return "it is suspended" in one.cardan("daemon", "events", "one")
+
+    # A pause of this computer may end the motion earlier.
+    until(suspended, "a motion that ended with the suspension")
+
+
+@pytest.mark.real
 def test_a_motion_that_waited_while_its_session_stood_still_is_not_begun(one):
     with daemon_arm("one", path=one.socket) as arm:
         done_again(lambda: gone(one, arm, HERE))
