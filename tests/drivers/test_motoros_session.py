@@ -180,6 +180,12 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
     assert run.controller.measured_rad(0) == pytest.approx(target, abs=3e-4)
     assert run.session.control.enabled
     assert run.servers.counters.pipelined == 0
+    run.session.disable(run.now_s)
+    run.run(1.0)
+    run.ready()
+    jitter = run.session.jitter
+    assert jitter.count > 50
+    assert jitter.max < 0.05, "the pause between two starts is none"
 
 
 @pytest.mark.parametrize("mode", MODES)

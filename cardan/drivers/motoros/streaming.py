@@ -64,7 +64,6 @@ class PointStream(Trajectory):
         self.nominal_s = self._spacing_ms * 1e-3
         self._phase = _Phase.RESTING
         self._rest_points = 0
-        self._renewing = False
         self._moving_at_send = self._was_moving = False
         """True if the newest point, and the one before, is one in motion."""
         self._empty_s = now_s
@@ -108,7 +107,7 @@ class PointStream(Trajectory):
             self._ran_empty(now_s)
             return
         guide = self._guide
-        guide.step(HoldCommand() if self._renewing else command, self.nominal_s)
+        guide.step(HoldCommand() if self._time_ms >= LAST_TIME_MS else command, self.nominal_s)
         if self._renew_now(now_s):
             return
         self._sequence += 1
@@ -121,24 +120,15 @@ class PointStream(Trajectory):
 
     def _renew_now(self, now_s: float) -> bool:
         """Leave a trajectory whose times have become large, at standstill."""
-        if not self._resting():
-            self._rest_points = 0
-            self._renewing = self._time_ms >= LAST_TIME_MS
-            return False
-        self._rest_points += 1
+        self._rest_points = self._rest_points + 1 if self._resting() else 0
         rested = self._rest_points * self.nominal_s >= RENEW_REST_S
         # The point at rest must have been sent, so the one before must be at rest, too.
-        if self._rest_points > 1 and (
-            self._renewing or (rested and self._time_ms >= RENEW_TIME_MS)
-        ):
-            self._counters.restarts += 1
-            self._renewing = False
-            self._rest_points = 0
-            self._phase = _Phase.RESTING
-            self._wait_for_rest("a new trajectory is being started", self._played_s)
-            return True
-        self._renewing = self._time_ms >= LAST_TIME_MS
-        return False
+        if self._rest_points < 2 or self._time_ms < (RENEW_TIME_MS if rested else LAST_TIME_MS):
+            return False
+        self._counters.restarts += 1
+        self._phase = _Phase.RESTING
+        self._wait_for_rest("a new trajectory is being started", self._played_s)
+        return True
 
     def _ran_empty(self, now_s: float) -> None:
         """Restart after the command has stopped dead: the next segment would begin at the last
