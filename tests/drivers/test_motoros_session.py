@@ -469,12 +469,16 @@ def test_a_refused_end_of_a_mode_is_tried_again_so_often(monkeypatch):
     with monkeypatch.context() as refusing:
         refusing.setattr(control, "_failure", lambda answer: "refused")
         refusing.setattr(
-            control.requests, "control", lambda *request: asked.append(request[0]) or send(*request)
+            control.requests,
+            "control",
+            lambda *request: asked.append((request[0], run.now_s)) or send(*request),
         )
         run.session.disable(run.now_s)
         run.run(3.0, until=lambda: run.session.phase is MotionPhase.IDLE)
     ways = (MotionCommand.STOP_VEL_MODE, MotionCommand.STOP_TRAJ_MODE)
-    assert asked == [way for way in ways for _ in range(STOP_TRIES + 1)]
+    assert [way for way, _ in asked] == [way for way in ways for _ in range(STOP_TRIES + 1)]
+    gaps_s = [after - before for (_, before), (_, after) in pairwise(asked[: STOP_TRIES + 1])]
+    assert gaps_s == pytest.approx([0.05] * STOP_TRIES, abs=0.01)
     assert "refused" in run.session.diagnosis(run.now_s)
     # A stop ends these tries, too: none of them disturbs the next start.
     turning(run.ready()).run(0.3)
