@@ -73,10 +73,12 @@ def test_after_connecting_it_asks_and_starts_nothing():
 
 
 def test_an_idle_connection_is_checked_every_second_and_its_loss_is_named():
-    run = bench("auto").run(1.0)
+    run = bench("auto").ready()
+    run.session.stop(run.now_s)
     requests = run.session.control.requests
+    run.run(0.1)
     asked_s = set()
-    run.run(3.5, until=lambda: asked_s.add(requests.asked_s))
+    run.run(4.0, until=lambda: asked_s.add(requests.asked_s))
     gaps = [after - before for before, after in pairwise(sorted(asked_s))]
     assert gaps == pytest.approx([1.0] * 4, abs=0.01)
     run.servers.data = lambda key, data, now_s: None
@@ -487,6 +489,7 @@ def test_a_refused_end_of_a_mode_is_tried_again_so_often(monkeypatch):
         refusing.setattr(control, "_failure", lambda answer: "refused")
         run.run(5.0, until=lambda: control.phase is MotionPhase.LEAVING and control.requests.idle)
     run.session.stop(run.now_s)
+    run.session.enable(run.now_s)
     assert run.ready(0.5).states[-1].ready
 
 

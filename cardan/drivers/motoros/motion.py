@@ -156,6 +156,8 @@ class MotorosMotion(ABC):
         """Reason why commands do not act yet; empty when they do."""
         self.next_s = math.inf
         """Time of the next call of `advance`."""
+        self.reply_pending = False
+        """True between a state that takes a command and that command."""
         self.instant_s = NEVER_S
         """Time of the last control instant that the application was asked about."""
         self._acting_s = math.inf

@@ -78,7 +78,8 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def reply_pending(self) -> bool:
-        return self.control.reply_pending
+        motion = self.control.motion
+        return motion is not None and motion.reply_pending
 
     @property
     def left(self) -> bool:
@@ -226,7 +227,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         if not self.control.live(now_s):
             if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
                 return None
-            self.control.reply_pending = False
             self.losses += self._said_link is RobotLink.LIVE
             link = RobotLink.LOST if feed.heard else RobotLink.WAITING
             return self._state(
@@ -236,7 +236,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         if motion is not None and self.phase is MotionPhase.MOVING and not motion.waiting:
             period_s = motion.due(now_s)
             if period_s:
-                self.control.reply_pending = True
+                motion.reply_pending = True
                 if motion.instant_s > NEVER_S:
                     self.jitter.add(abs(now_s - motion.instant_s - period_s))
                 motion.instant_s = now_s
@@ -273,10 +273,10 @@ class MotorosSession(TcpSession[Channel, Task]):
     def command(self, command: RobotCommand, now_s: float) -> None:
         self.check(command)
         motion = self.control.motion
-        if not self.control.reply_pending or motion is None:
+        if motion is None or not motion.reply_pending:
             return
         motion.command(command, now_s)
-        self.control.reply_pending = False
+        motion.reply_pending = False
         self.control.proceed(now_s)
         self._flush(now_s)
 

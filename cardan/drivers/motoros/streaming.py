@@ -66,8 +66,6 @@ class PointStream(Trajectory):
         self._rest_points = 0
         self._moving_at_send = self._was_moving = False
         """True if the newest point, and the one before, is one in motion."""
-        self._empty_s = now_s
-        """Time at which the queue will have run empty, unless points are added."""
         self._counted_s = now_s
         """Time at which `queue_count` was reported."""
         self._rtt_s = 0.0
@@ -103,7 +101,7 @@ class PointStream(Trajectory):
     def command(self, command: RobotCommand, now_s: float) -> None:
         if self._phase is not _Phase.INSTANT:
             return
-        if self._moving_at_send and now_s > self._empty_s:
+        if self._moving_at_send and now_s > self._played_s:
             self._ran_empty(now_s)
             return
         guide = self._guide
@@ -155,7 +153,7 @@ class PointStream(Trajectory):
         if point.sequence == 0:
             self.waiting = ""
             self._counters.queue_count = 0
-            self._played_s = self._empty_s = self._shorter_s = self._counted_s = now_s
+            self._played_s = self._shorter_s = self._counted_s = now_s
             self._moving_at_send = False
             self._phase = _Phase.INSTANT
             return
@@ -165,15 +163,19 @@ class PointStream(Trajectory):
         played = int((now_s - self._counted_s) / self._ipc_s)
         self._counters.queue_count += self._increments
         count = max(self._counters.queue_count - played, 0)
-        self._empty_s += self._increments * self._ipc_s
         self._shorter_s = now_s
-        # The point is converted within one period and executed from the next one on.
+        self._wait_for_low(count, now_s)
+
+    def _wait_for_low(self, count: int, now_s: float) -> None:
+        """Wait until `_low` of the `count` increments that the queue holds are left."""
+        # A point is converted within one period and executed from the next one on.
         self._played_s = now_s + (count + 2) * self._ipc_s
-        if count <= self._low:
+        low = self._low
+        if count <= low:
             self._phase = _Phase.INSTANT
             return
         self._phase = _Phase.QUEUED
-        self.next_s = now_s + (count - self._low) * self._ipc_s
+        self.next_s = now_s + (count - low) * self._ipc_s
 
     def _timed(self, now_s: float) -> float:
         """Return the round trip that ends now, s."""
@@ -206,17 +208,10 @@ class PointStream(Trajectory):
             return
         took_s = self._timed(now_s)
         self._counted_s = now_s
-        # The queue held that many at the end of the round trip at the latest.
-        self._empty_s = now_s + (count + 2) * self._ipc_s
-        low = self._low
-        if count > low:
-            self._phase = _Phase.QUEUED
-            self.next_s = now_s + (count - low) * self._ipc_s
-            return
-        if self._moving_at_send and (count == 0 or took_s > SLOW_REPLY_S):
+        self._wait_for_low(count, now_s)
+        late = count == 0 or took_s > SLOW_REPLY_S
+        if self._phase is _Phase.INSTANT and self._moving_at_send and late:
             self._ran_empty(now_s)
-            return
-        self._phase = _Phase.INSTANT
 
     def _refused(self, now_s: float) -> None:
         self._phase = _Phase.RESTING
