@@ -202,7 +202,7 @@ class DeviceCore(ABC):
         self._ignore_rest_until_s = now_s + settle_s
         self._cached = None
 
-    def _on_malformed(self, reason: str, report_id: int) -> None:
+    def _on_malformed(self, reason: str, report_id: int = -1) -> None:
         """Count a report that cannot be decoded; `report_id` is -1 if it has none."""
         of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
         what = f"reports {reason}{of_id}"

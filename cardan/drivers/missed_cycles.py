@@ -148,23 +148,12 @@ class ClockWatch:
     def heard(self, controller_s: float, local_s: float) -> None:
         """Process a state of time `controller_s` that arrived at `local_s`."""
         step_s, waited_s = controller_s - self._controller_s, local_s - self._local_s
-        ahead_s = controller_s - local_s
-        if step_s > 0.0 and waited_s <= PAUSE_S and local_s < self._end_s:
-            if ahead_s <= self._best_s:
-                self._controller_s, self._local_s = controller_s, local_s
-                self._rose_s, self._still, self._waited_s = local_s, 0, waited_s
-                return
-        elif math.isnan(self._controller_s):
+        if math.isnan(step_s):
             self.begin(controller_s, local_s)
             return
+        ahead_s = controller_s - local_s
         self._controller_s, self._local_s = controller_s, local_s
         before_s, self._waited_s = self._waited_s, waited_s
-        self._look(step_s, waited_s, before_s, ahead_s)
-
-    def _look(self, step_s: float, waited_s: float, before_s: float, ahead_s: float) -> None:
-        """Compare the clocks if something may be new; `before_s` was the wait for the previous
-        state."""
-        local_s = self._local_s
         if step_s < 0.0:
             self._note(f"went back by {-step_s:.3g} s: it was restarted, or its clock is wrong")
             return

@@ -311,11 +311,7 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
         """Wait until data or a deadline comes, and process the data; answers are sent with what is
         due."""
         links = self._links
-        timeout_s = session.next_s - _monotonic()
-        if timeout_s > longest_s:
-            timeout_s = longest_s
-        elif timeout_s < 0.0:
-            timeout_s = 0.0
+        timeout_s = min(max(session.next_s - _monotonic(), 0.0), longest_s)
         reads: list[socket.socket] = []
         writes: list[socket.socket] = []
         for link in links.values():
@@ -344,14 +340,14 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
         session = self._session
         deadline_s = _monotonic() + _LEAVE_S + session.braking_s
         session.leave(_monotonic())
-        self._flush(session)
-        while not session.left and (left_s := deadline_s - _monotonic()) > 0.0:
+        while True:
             session.advance(_monotonic())
             session.due_state(_monotonic())
             self._flush(session)
-            if not session.left:
-                self._wait(session, min(left_s, _LONGEST_WAIT_S))
-        self._flush(session)
+            left_s = deadline_s - _monotonic()
+            if session.left or left_s <= 0.0:
+                return
+            self._wait(session, min(left_s, _LONGEST_WAIT_S))
 
     # -- sockets ----------------------------------------------------------------------------------
 

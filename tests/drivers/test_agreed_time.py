@@ -87,21 +87,27 @@ LIES = {
 }
 
 
-@pytest.mark.parametrize("late", [DELAYS["none"], DELAYS["jitter of a network"]])
+@pytest.mark.parametrize(
+    ("late", "lost_s"),
+    [(DELAYS["none"], 0.0), (DELAYS["jitter of a network"], 0.0), (DELAYS["none"], 0.06)],
+)
 @pytest.mark.parametrize(("words", "lie"), LIES.items(), ids=LIES)
-def test_a_wrong_clock_is_said_and_adds_no_time(words, lie, late):
+def test_a_wrong_clock_is_said_and_adds_no_time(words, lie, late, lost_s):
+    """Also where states are lost for `lost_s`, again and again."""
     clock, within_s = lie
     agreed, found_s, before_s = AgreedTime(PERIOD_S), None, None
     for sent_s, came_s in sent(6.0, late):
+        if (sent_s + 0.1) % 0.3 < lost_s:
+            continue
         agreed.passed(clock(sent_s), came_s)
         if agreed.fault and found_s is None:
             found_s, text = came_s, agreed.fault
         if sent_s <= 1.2:
             assert agreed.fault == ""
             before_s = came_s - agreed.time_s
-        assert agreed.time_s <= came_s + SLACK_S
+        assert agreed.time_s <= came_s + SLACK_S + 1e-9
     assert before_s < 0.01
-    assert found_s - 1.2 <= within_s + 0.01
+    assert found_s - 1.2 <= within_s + 0.01 + lost_s
     if "times" not in words and late is DELAYS["none"]:
         assert words in text
     assert "clock" in text
@@ -117,7 +123,7 @@ def test_a_clock_that_is_right_again_is_no_fault():
 @pytest.mark.parametrize(
     ("words", "clock"),
     [
-        ("jumped ahead by", lambda t: t + 0.5 * (t > 5.0)),
+        ("jumped ahead by", lambda t: t + 0.14 * (t > 5.0)),
         ("went back by", lambda t: t - 0.5 * (t > 5.0)),
         ("stands still", lambda t: min(t, 5.0)),
         ("1.05 times", lambda t: max(t, 5.0 + 1.05 * (t - 5.0))),

@@ -101,6 +101,10 @@ def test_the_system_drops_events(model):
     assert state.link is DeviceLink.LIVE, "the device was asked, and rests"
     assert not state.buttons
     assert any("dropped" in words for words in bench.core.diagnosis(bench.now_s))
+    bench.core.on_packet(encode_events([InputEvent(0, 0, 0, 3, 0)]), bench.now_s)
+    bench.open()
+    state = bench.press("start" if bench.model.is_gamepad else "f5")
+    assert state.link is DeviceLink.LIVE, "the first frame after opening counts"
 
 
 @both

@@ -160,10 +160,29 @@ def test_a_stick_that_is_held_while_it_is_opened_is_no_trigger(right, held):
     core.on_opened(unknown_pad(), EvdevState(frozenset(), deflected), 0.0)
     tap(core)
     assert core.state(0.0).link is DeviceLink.NEEDS_NEUTRAL
+    assert "stick" in core.state(0.0).reason
+    assert core.state(0.0).buttons == set()
     feed(core, *((3, code, 128) for code in right))
     assert core.state(0.0).link is DeviceLink.LIVE
     feed(core, (3, right[1], 255))
     assert core.state(0.0).axes == (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("right", RIGHT_AT.values(), ids=RIGHT_AT)
+@pytest.mark.parametrize("pressed", [128, 255])
+def test_a_trigger_that_is_held_while_it_is_opened_is_no_stick(right, pressed):
+    core = GamepadCore(GamepadOptions())
+    trigger = next(code for code in (c.ABS_RX, c.ABS_Z) if code not in right)
+    held = EvdevState(frozenset(), at_rest(right) | {trigger: pressed})
+    core.on_opened(unknown_pad(), held, 0.0)
+    tap(core)
+    assert core.state(0.0).link is DeviceLink.LIVE
+    feed(core, (3, right[1], 255))
+    state = core.state(0.0)
+    assert state.axes == (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+    feed(core, (3, trigger, 0))
+    feed(core, (3, trigger, 255))
+    assert core.state(0.0).buttons == {"left-trigger"}
 
 
 @pytest.mark.parametrize("driver", ["playstation", "sony", "xpad", "xone-gip-gamepad"])

@@ -71,6 +71,11 @@ def test_keys_together_with_a_modifier_do_not_move(modifier):
     assert bench.release("c").axes == REST
     assert bench.press("c").axes == unit(2, -1.0)
     assert bench.press(modifier).axes == REST
+    bench.device.release(modifier)
+    bench.device.release("c")
+    bench.open()
+    bench.touch()
+    assert bench.press("c").axes == unit(2, -1.0), "its release was not seen"
 
 
 def test_a_key_held_while_it_is_opened_does_not_move():

@@ -6,11 +6,13 @@ import contextlib
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.motoros import IoConnectionError, IoRefusedError
+from cardan.drivers.motoros import IoConnectionError, IoRefusedError, io_client
 from cardan.drivers.motoros.diagnosis import io_result_in_words
 from cardan.drivers.motoros.io_client import (
     IoClient,
@@ -368,6 +370,15 @@ class TestClient:
                 client.read_bit(10010)
             assert client.read_bit(10010) is False
             assert server.served == 2
+
+    def test_pieces_of_an_answer_do_not_prolong_the_wait(self, monkeypatch) -> None:
+        clock = SimpleNamespace(monotonic=map(float, count()).__next__)
+        monkeypatch.setattr(io_client, "time", clock)
+        with (
+            serving(lambda _: b"\x24\x00") as (_, client),
+            pytest.raises(IoConnectionError, match="no answer within 2 s"),
+        ):
+            client.read_bit(10010)
 
     def test_a_connection_closed_between_two_calls_is_made_anew_unnoticed(self) -> None:
         once = memory()

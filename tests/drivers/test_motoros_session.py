@@ -73,10 +73,12 @@ def test_after_connecting_it_asks_and_starts_nothing():
 
 
 def test_an_idle_connection_is_checked_every_second_and_its_loss_is_named():
-    run = bench("auto").run(1.0)
+    run = bench("auto").ready()
+    run.session.stop(run.now_s)
     requests = run.session.control.requests
+    run.run(0.1)
     asked_s = set()
-    run.run(3.5, until=lambda: asked_s.add(requests.asked_s))
+    run.run(4.0, until=lambda: asked_s.add(requests.asked_s))
     gaps = [after - before for before, after in pairwise(sorted(asked_s))]
     assert gaps == pytest.approx([1.0] * 4, abs=0.01)
     run.servers.data = lambda key, data, now_s: None
@@ -180,6 +182,12 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
     assert run.controller.measured_rad(0) == pytest.approx(target, abs=3e-4)
     assert run.session.control.enabled
     assert run.servers.counters.pipelined == 0
+    run.session.disable(run.now_s)
+    run.run(1.0)
+    run.ready()
+    jitter = run.session.jitter
+    assert jitter.count > 50
+    assert jitter.max < 0.05, "the pause between two starts is none"
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -463,12 +471,16 @@ def test_a_refused_end_of_a_mode_is_tried_again_so_often(monkeypatch):
     with monkeypatch.context() as refusing:
         refusing.setattr(control, "_failure", lambda answer: "refused")
         refusing.setattr(
-            control.requests, "control", lambda *request: asked.append(request[0]) or send(*request)
+            control.requests,
+            "control",
+            lambda *request: asked.append((request[0], run.now_s)) or send(*request),
         )
         run.session.disable(run.now_s)
         run.run(3.0, until=lambda: run.session.phase is MotionPhase.IDLE)
     ways = (MotionCommand.STOP_VEL_MODE, MotionCommand.STOP_TRAJ_MODE)
-    assert asked == [way for way in ways for _ in range(STOP_TRIES + 1)]
+    assert [way for way, _ in asked] == [way for way in ways for _ in range(STOP_TRIES + 1)]
+    gaps_s = [after - before for (_, before), (_, after) in pairwise(asked[: STOP_TRIES + 1])]
+    assert gaps_s == pytest.approx([0.05] * STOP_TRIES, abs=0.01)
     assert "refused" in run.session.diagnosis(run.now_s)
     # A stop ends these tries, too: none of them disturbs the next start.
     turning(run.ready()).run(0.3)
@@ -477,6 +489,7 @@ def test_a_refused_end_of_a_mode_is_tried_again_so_often(monkeypatch):
         refusing.setattr(control, "_failure", lambda answer: "refused")
         run.run(5.0, until=lambda: control.phase is MotionPhase.LEAVING and control.requests.idle)
     run.session.stop(run.now_s)
+    run.session.enable(run.now_s)
     assert run.ready(0.5).states[-1].ready
 
 

@@ -108,6 +108,8 @@ def test_it_opens_and_closes():
     with device:
         assert device.state().link is DeviceLink.NEEDS_NEUTRAL
         device.open()
+        (reader,) = (each for each in threading.enumerate() if each.name == "cardan-device")
+        assert reader.daemon, "a program that does not close it can end"
     assert device.state().link is DeviceLink.CLOSED
     assert device.released.is_set()
     device.close()

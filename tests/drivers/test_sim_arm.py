@@ -6,7 +6,7 @@ import dataclasses
 import math
 import re
 import time
-from itertools import islice, pairwise
+from itertools import count, islice, pairwise
 from types import SimpleNamespace
 
 import pytest
@@ -323,6 +323,31 @@ def test_an_arm_that_began_anew_elsewhere_is_commanded_when_it_can_be_there():
     assert 0.002 * (number - 10) == pytest.approx((1.0 - 0.05) / (2.0 * fastest), abs=0.003)
     assert state.joints == away
     assert receive(number + 1, session=5) is None
+
+
+@pytest.mark.parametrize(("mode", "gap_s"), [(ControlMode.POSITION, 0.05), (ControlMode.HOLD, 0.3)])
+def test_a_late_command_goes_on_from_where_the_arm_is(mode, gap_s):
+    """An arm without commands goes on for command_timeout_s, and brakes then."""
+    session = SimArmSession(SimArmOptions(robot=ROBOT))
+    numbers, speed = count(1), 0.2
+
+    def ahead(cycle, skipped=0):
+        for number in islice(numbers, skipped + 1):
+            now_s = 0.002 * number
+            state = STATE._replace(sequence=number, stamp_s=1.0 + now_s, mode=mode)
+            session.receive(encode_state(state), now_s)
+        place = speed * 0.002 * cycle
+        asked = JointCommand((place, *(0.0,) * 5), (speed, *(0.0,) * 5))
+        return decode_command(session.command(asked, now_s)).values[0] - place
+
+    assert [ahead(cycle) for cycle in range(10)] == pytest.approx([0.0] * 10)
+    went = speed * gap_s
+    if mode is ControlMode.HOLD:
+        braking = session.capabilities.limits.acceleration[0]
+        went = speed * session.options.command_timeout_s + 0.5 * speed**2 / braking
+    assert ahead(10, round(gap_s / 0.002)) == pytest.approx(went, abs=5e-4)
+    session.command(HoldCommand(), 9.0)
+    assert ahead(11) == pytest.approx(0.0), "positions after another command are where they are"
 
 
 def test_late_double_and_earlier_states_change_nothing():

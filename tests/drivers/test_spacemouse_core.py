@@ -586,6 +586,8 @@ def test_rezero_twice_adds_up(device):
     device.core.rezero(device.now_s)
     device.motion((50, 0, -24, 0, 0, 0), 350)
     device.core.rezero(device.now_s)
+    assert device.core.state(device.now_s).axes == NEUTRAL
+    device.report(encode_rotation(0, 0, 0), 0.008)
     device.wait(1.0)
     assert device.state.link is not DeviceLink.STALE
     assert device.motion((50, 0, -24, 0, 0, 0), 2).link is DeviceLink.LIVE

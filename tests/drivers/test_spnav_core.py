@@ -635,6 +635,9 @@ def test_version_1_asks_what_it_wants_to_know():
     assert daemon.core.has_led
     assert daemon.core.full_scale == 500.0
     assert daemon.codes()[:2] == [Code.SET_NAME, Code.SET_EVMASK]
+    daemon.core.on_opened(daemon.now_s)
+    daemon.send(encode_handshake(2))
+    assert daemon.core.version == 1, "a newer daemon speaks it, too"
 
 
 def test_an_old_daemon_gets_its_sensitivity_back_after_300_ms():

@@ -174,6 +174,15 @@ def test_a_start_without_one_of_the_ports(channel):
     assert f"port {port}: Connection refused" in bench.states[-1].hold_reason
 
 
+def test_a_line_without_end_at_the_dashboard_ends_a_start():
+    bench = SessionBench(running=False).run(0.5)
+    bench.session.ask("enable", bench.now_s)
+    bench.run(1.0, until=lambda: "dashboard" in bench.numbers)
+    bench.session.received("dashboard", b"x" * 100_000, bench.now_s)
+    assert "dashboard" in bench.session.closing()
+    assert "closed its connection: a line" in bench.session.hold_reason
+
+
 def test_registers_that_a_fieldbus_has():
     bench = SessionBench(faults={"in-use": 1.0}).run(1.0)
     assert bench.states[-1].link is RobotLink.WAITING

@@ -349,13 +349,12 @@ class Runs:
 
 
 def within(each: Sequence[Tried], took_s: Mapping[Tried, float], most_s: float) -> list[Tried]:
-    """Return the first tests, up to a total of `most_s`, but at least one."""
+    """Return the first tests that fit into a total of `most_s`, but at least one."""
     found: list[Tried] = []
     for one in each:
-        most_s -= took_s[one]
-        if found and most_s < 0.0:
-            break
-        found.append(one)
+        if not found or took_s[one] <= most_s:
+            found.append(one)
+            most_s -= took_s[one]
     return found
 
 

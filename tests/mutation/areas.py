@@ -54,6 +54,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/drivers/test_motoros_trajectory_limiter.py",
     ),
     "cardan/drivers/motoros/agreed_limits.py": ("tests/drivers/test_motoros_agreed_limits.py",),
+    "cardan/drivers/foreign.py": ("tests/gateway/arm/test_loop.py",),
     "cardan/drivers": (
         "tests/drivers",
         "tests/test_device_faults.py",

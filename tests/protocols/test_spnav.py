@@ -107,6 +107,11 @@ def test_worked_name():
     assert StringAssembler().take(request.data) == "peer-check"
 
 
+def test_settings_are_numbered_in_pairs():
+    settings = [code for code in Code if Code.SCFG_SENS <= code < Code.CFG_SAVE]
+    assert settings == list(range(0x3000, 0x301A))
+
+
 def test_other_events():
     change = ConfigChange(Code.GCFG_LED, (2, 0, 0, 0, 0, 0))
     assert decode_server_record(encode_config(change)) == change

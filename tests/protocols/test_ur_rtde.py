@@ -22,6 +22,7 @@ from cardan.protocols.ur.rtde import (
     TextLevel,
     TextMessage,
 )
+from cardan.protocols.ur.states import SafetyBit, StatusBit
 from cardan.protocols.ur.variables import INPUTS, OUTPUTS
 from tests.examples import examples
 
@@ -216,3 +217,8 @@ def test_recipes_that_cannot_be():
         Recipe(1, ["a"], ["UINT8"]).pack([256])
     with pytest.raises(ValueError, match="65536 bytes"):
         rtde.packet(PacketType.TEXT, bytes(65533))
+
+
+def test_bits_of_status_and_safety_are_numbered_without_gaps():
+    assert list(StatusBit) == [1 << bit for bit in range(4)]
+    assert list(SafetyBit) == [1 << bit for bit in range(11)]

@@ -107,7 +107,6 @@ class EvdevCore(DeviceCore):
         void."""
         self.description = description
         self._on_description()
-        self._event_s = now_s
         self._open = True
         self._skipping = self._heard = self._unanswered = False
         self._renew(snapshot, "not heard of yet", now_s)

@@ -150,14 +150,14 @@ class HandheldCore(BusCore):
             return
         age_s = message["age"]
         if not 0.0 <= age_s <= OLDEST_S:
-            self._on_malformed("with an age that is out of range", -1)
+            self._on_malformed("with an age that is out of range")
             return
         frame = decode_frame(bytes(message["frame"]))
         if isinstance(frame, MalformedFrame):
-            self._on_malformed(frame.reason, -1)
+            self._on_malformed(frame.reason)
             return
         if frame.kind != self.kind:
-            self._on_malformed(f"of the kind {frame.kind}, not {self.kind}", -1)
+            self._on_malformed(f"of the kind {frame.kind}, not {self.kind}")
             return
         if not self._is_mine(frame):
             return

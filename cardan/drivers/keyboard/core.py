@@ -88,10 +88,8 @@ class KeyboardCore(EvdevCore):
 
     def _on_key(self, code: int, pressed: bool, now_s: float) -> None:
         if code in self._motion:
-            if not pressed:
-                self._muted.discard(code)
-            elif self._down & _OTHERS:
-                self._muted.add(code)
+            muted = pressed and self._down & _OTHERS
+            (self._muted.add if muted else self._muted.discard)(code)
             self._aim(now_s)
         elif pressed and code in _OTHERS:
             self._muted |= self._down & self._motion.keys()
@@ -106,7 +104,6 @@ class KeyboardCore(EvdevCore):
 
     def _drop_input(self, now_s: float) -> None:
         super()._drop_input(now_s)
-        self._muted.clear()
         self._goal = [0.0] * 6
 
     def _aim(self, now_s: float) -> None:

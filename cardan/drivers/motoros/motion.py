@@ -24,7 +24,7 @@ from cardan.protocols.simple_message.codes import (
     ValidFields,
 )
 from cardan.protocols.simple_message.messages import JointTrajPtFull, Message, MotionReply, joints10
-from cardan.types import RobotCommand
+from cardan.types import NEVER_S, RobotCommand
 
 POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
 """Values that MotoROS requires; it ignores accelerations."""
@@ -156,6 +156,10 @@ class MotorosMotion(ABC):
         """Reason why commands do not act yet; empty when they do."""
         self.next_s = math.inf
         """Time of the next call of `advance`."""
+        self.reply_pending = False
+        """True between a state that takes a command and that command."""
+        self.instant_s = NEVER_S
+        """Time of the last control instant that the application was asked about."""
         self._acting_s = math.inf
         """Time from which on a status must report that the drives have power, s."""
         self.topics: list[Message] = []

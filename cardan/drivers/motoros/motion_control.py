@@ -94,8 +94,6 @@ class MotionControl:
         """Counts of ends of motion, by reason."""
         self.velocity_info: VelocityInfo | None = None
         """Controller's description of its velocity mode; None if it has none."""
-        self.reply_pending = False
-        """True between a state that takes a command and that command."""
         self.failure = ""
         """Reason why the motion connection cannot be used; empty while it can."""
         self.answer = ""
@@ -278,7 +276,6 @@ class MotionControl:
             # The last command, of zero speed, is sent before the mode is left.
             self._topics += motion.topics
             self.motion = None
-            self.reply_pending = False
             self._begin_to_leave(now_s)
 
     # -- requests of the application --------------------------------------------------------------
@@ -318,7 +315,6 @@ class MotionControl:
                 return
             self.end_reason = self.answer = ""
             self.phase = MotionPhase.STARTING
-            self._check_s = math.inf
             if self.uses_velocity:
                 data = joints10((float(self.options.watchdog_ms), 1.0))
                 self.requests.control(MotionCommand.START_VEL_MODE, self._started, data)
@@ -348,14 +344,12 @@ class MotionControl:
             return
         if not failed and not self.feed.live(now_s):
             failed = "no state was received from the controller"
-        self.phase = MotionPhase.IDLE
-        self._check_s = now_s + IDLE_CHECK_S
         if failed:
+            self._idle(now_s)
             self.end_reason = failed
             return
         self.sessions += 1
         self.phase = MotionPhase.MOVING
-        self._check_s = math.inf
         limits = self._limits()
         guide = JointTrajectoryLimiter(
             limits.lower, limits.upper, limits.velocity, limits.acceleration
@@ -428,7 +422,7 @@ class MotionControl:
             self._note_end(reason)
             self.phase = MotionPhase.BRAKING
             self._brake_until_s = now_s + motion.braking_s
-            self.reply_pending = False
+            motion.reply_pending = False
             motion.wind_down()
             # Velocity mode is left in any case, because its watchdog would report the silence as a
             # fault. A trajectory's queue has run empty by then; if not, it is emptied.
@@ -451,10 +445,11 @@ class MotionControl:
         if self.phase is MotionPhase.MOVING or not self.end_reason:
             self._note_end(reason)
         self.motion = None
-        self.reply_pending = False
-        self._after = []
         self._stop_s = math.inf
         self.requests.drop()
+        self._idle(now_s)
+
+    def _idle(self, now_s: float) -> None:
         self.phase = MotionPhase.IDLE
         self._check_s = now_s + IDLE_CHECK_S
 
@@ -481,14 +476,11 @@ class MotionControl:
         """Queue the requests that follow the braking, one after the other."""
         self._stop_s = math.inf
         if not self._after:
-            self.phase = MotionPhase.IDLE
-            self._check_s = now_s + IDLE_CHECK_S
+            self._idle(now_s)
             return
         self.requests.control(self._after[0], self._left)
 
     def _left(self, answer: Answer, now_s: float) -> None:
-        if self.phase is not MotionPhase.LEAVING or not self._after:
-            return
         failed = self._failure(answer)
         if failed and self._stop_tries < STOP_TRIES:
             self._stop_tries += 1

@@ -19,7 +19,7 @@ from cardan.drivers.motoros.status_text import findings, no_motion_connection, s
 from cardan.drivers.motoros.trajectory_limiter import KINDS
 from cardan.drivers.robot_core import check_joints, counts
 from cardan.drivers.tcp_robot import TcpSession
-from cardan.protocols.simple_message.codec import WireFormat, wire
+from cardan.protocols.simple_message.codec import wire
 from cardan.protocols.simple_message.framing import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,
@@ -54,13 +54,11 @@ class MotorosSession(TcpSession[Channel, Task]):
         """Control of motion, and its results."""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two control instants from their period."""
-        self._wire: WireFormat | None = None
+        self._wire = wire()
         self._reader = FrameReader()
         self._statuses = 0
         self._checked_statuses = 0
         self._recorded = 0
-        self._instant_s = NEVER_S
-        self._instant_session = 0
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -80,7 +78,8 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def reply_pending(self) -> bool:
-        return self.control.reply_pending
+        motion = self.control.motion
+        return motion is not None and motion.reply_pending
 
     @property
     def left(self) -> bool:
@@ -141,7 +140,7 @@ class MotorosSession(TcpSession[Channel, Task]):
             elif self._links["motion"].up and order is not feed.byte_order:
                 self._drop("motion", "the controller has changed its byte order", now_s)
             self._look(now_s)
-        elif self._wire is not None:
+        else:
             overdue = self.requests.overdue(now_s)
             if overdue:
                 self._drop("motion", overdue, now_s)
@@ -188,18 +187,11 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     def _flush(self, now_s: float) -> None:
         """Move messages to send to the outbox."""
-        self._send_topics()
-        if not self._links["motion"].up or self._wire is None:
-            return
+        messages = self.control.topics()
         request = self.requests.take(now_s)
         if request is not None:
-            self._out.append(("motion", self._wire.encode(request)))
-
-    def _send_topics(self) -> None:
-        if not self._links["motion"].up or self._wire is None:
-            return
-        for message in self.control.topics():
-            self._out.append(("motion", self._wire.encode(message)))
+            messages.append(request)
+        self._out += [("motion", self._wire.encode(message)) for message in messages]
 
     # -- requests of the application --------------------------------------------------------------
 
@@ -235,8 +227,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         if not self.control.live(now_s):
             if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
                 return None
-            self.control.reply_pending = False
-            self._instant_s = NEVER_S
             self.losses += self._said_link is RobotLink.LIVE
             link = RobotLink.LOST if feed.heard else RobotLink.WAITING
             return self._state(
@@ -246,13 +236,10 @@ class MotorosSession(TcpSession[Channel, Task]):
         if motion is not None and self.phase is MotionPhase.MOVING and not motion.waiting:
             period_s = motion.due(now_s)
             if period_s:
-                self.control.reply_pending = True
-                if self._instant_session != self.sessions:
-                    self._instant_session = self.sessions
-                    self._instant_s = NEVER_S
-                if self._instant_s > NEVER_S:
-                    self.jitter.add(abs(now_s - self._instant_s - period_s))
-                self._instant_s = now_s
+                motion.reply_pending = True
+                if motion.instant_s > NEVER_S:
+                    self.jitter.add(abs(now_s - motion.instant_s - period_s))
+                motion.instant_s = now_s
                 return self._state(now_s, RobotLink.LIVE, period_s, "")
             if now_s - self._said_s < WAKE_S:
                 return None
@@ -286,10 +273,10 @@ class MotorosSession(TcpSession[Channel, Task]):
     def command(self, command: RobotCommand, now_s: float) -> None:
         self.check(command)
         motion = self.control.motion
-        if not self.control.reply_pending or motion is None:
+        if motion is None or not motion.reply_pending:
             return
         motion.command(command, now_s)
-        self.control.reply_pending = False
+        motion.reply_pending = False
         self.control.proceed(now_s)
         self._flush(now_s)
 

@@ -197,16 +197,11 @@ class VelocityStream(MotorosMotion):
 
     def _going_on(self, command: RobotCommand) -> RobotCommand:
         """Return `command`, adjusted not to make up for missed time."""
-        asked, self._asked = self._asked, None
-        lost = self._lost
-        if not isinstance(command, JointCommand):
-            lost.reset()
-            return command
-        self._asked = command
-        if not lost.working:
+        asked, self._asked = self._asked, command if isinstance(command, JointCommand) else None
+        if self._asked is None or not self._lost.working:
             return command
         before = None if asked is None else asked[:2]
-        return JointCommand(*lost.follow(before, *command[:2], self.nominal_s))
+        return JointCommand(*self._lost.follow(before, *self._asked[:2], self.nominal_s))
 
     def settled(self, now_s: float) -> bool:
         return self._zeros >= ZEROS_BEFORE_END

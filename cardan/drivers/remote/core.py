@@ -164,10 +164,10 @@ class RemoteCore(BusCore):
         try:
             shared = self._decoder.decode(data)
         except UnusableError as error:
-            self._on_malformed(str(error), -1)
+            self._on_malformed(str(error))
             return
         if isinstance(shared, MalformedCdr):
-            self._on_malformed("that are malformed", -1)
+            self._on_malformed("that are malformed")
             return
         if shared.run != self._run:
             self._run = shared.run
@@ -185,7 +185,7 @@ class RemoteCore(BusCore):
                 if shared.asked_s < self._claimed_s:
                     self._counts["old"] += 1
                 else:
-                    self._on_malformed("that answer no request", -1)
+                    self._on_malformed("that answer no request")
                 return
             self._echoed_s = shared.asked_s
             resets = self._clock.resets

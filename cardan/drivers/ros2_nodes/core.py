@@ -80,12 +80,12 @@ class BusCore(DeviceCore):
             return
         self._watch(now_s)
         if received.key.split("/")[-2:-1] != [self._dds_type]:
-            self._on_malformed(f"of another type than {self.message_type}", -1)
+            self._on_malformed(f"of another type than {self.message_type}")
             return
         if not self._is_next(received):
             return
         if len(received.data) > MOST_BYTES:
-            self._on_malformed(f"of more than {MOST_BYTES} bytes", -1)
+            self._on_malformed(f"of more than {MOST_BYTES} bytes")
             return
         self._on_data(received.data, now_s)
 
@@ -96,7 +96,7 @@ class BusCore(DeviceCore):
     def _decoded(self, data: bytes) -> Message | None:
         message = self._codec.decode(data)
         if isinstance(message, MalformedCdr):
-            self._on_malformed("that are malformed", -1)
+            self._on_malformed("that are malformed")
             return None
         return message
 
@@ -104,7 +104,7 @@ class BusCore(DeviceCore):
         """True for a new message of the node that counts."""
         attachment = received.attachment
         if attachment is None:
-            self._on_malformed("without the attachment that nodes of ROS 2 have", -1)
+            self._on_malformed("without the attachment that nodes of ROS 2 have")
             return False
         if attachment.gid != self._sender:
             if self._sender and self._link is not DeviceLink.STALE:
@@ -159,10 +159,10 @@ class JoyCore(BusCore):
         given, buttons = message["axes"], message["buttons"]
         scale = self._options.full_scale
         if not all(abs(value) <= LARGEST for value in given):
-            self._on_malformed("with axes that are not numbers", -1)
+            self._on_malformed("with axes that are not numbers")
             return
         if max(map(abs, (*self._plain, *self._shifted))) > len(given):
-            self._on_malformed(f"with {len(given)} axes: fewer than are mapped", -1)
+            self._on_malformed(f"with {len(given)} axes: fewer than are mapped")
             return
         axes = tuple([max(-1.0, min(1.0, v / scale)) for v in given])
         self._take(axes, buttons[:MOST_BUTTONS], now_s)

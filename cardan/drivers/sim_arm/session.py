@@ -91,7 +91,6 @@ class SimArmSession(DatagramSession[ArmState]):
 
     def _begin(self, message: ArmState) -> None:
         self._asked = None
-        self._lost.reset()
 
     def _time_s(self, message: ArmState) -> float:
         return message.stamp_s
@@ -135,7 +134,6 @@ class SimArmSession(DatagramSession[ArmState]):
             values, speeds = self._going_on(command, self.message)
             return self._encode(self.message.session, now_s, mode, values, speeds)
         self._asked = None
-        self._lost.reset()
         if isinstance(command, JointVelocityCommand):
             mode, values = ControlMode.VELOCITY, command.velocities
         elif isinstance(command, TorqueCommand):

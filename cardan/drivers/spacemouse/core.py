@@ -192,8 +192,7 @@ class SpaceMouseCore(DeviceCore):
         for half in (self._translation, self._rotation):
             (a, b, c), (u, v, w) = half.zero or (0, 0, 0), half.counts
             half.zero = (a + u, b + v, c + w)
-            half.counts = (0, 0, 0)
-            half.active = False
+            half.forget()
         self._active = False
         self._drift.reset()
         self._cached = None

@@ -45,7 +45,6 @@ class UrMotion:
     def begin(self, place: Sequence[float]) -> None:
         """Continue from `place`, at rest; earlier commands are void."""
         self._limiter.reset(place)
-        self._lost.reset()
         self._asked = self._answered_s = None
 
     def usual(self, command: RobotCommand, time_s: float, period_s: float) -> bytes | None:

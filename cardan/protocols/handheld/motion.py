@@ -16,7 +16,7 @@ from cardan.spatial import (
     same_hemisphere,
     subtract,
 )
-from cardan.types import Quaternion, Vector3
+from cardan.types import IDENTITY, Quaternion, Vector3
 
 JUMP_M: Final = 0.05
 JUMP_RAD: Final = math.radians(35.0)
@@ -68,7 +68,7 @@ class Held:
 
     def __init__(self, began: PoseSample) -> None:
         self._began = began
-        self._last = Quaternion(1.0, 0.0, 0.0, 0.0)
+        self._last = IDENTITY
 
     def turn(self, now: PoseSample) -> Vector3:
         """Rotation vector along the axes of the reference, rad."""
