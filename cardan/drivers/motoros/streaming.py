@@ -64,8 +64,11 @@ class PointStream(Trajectory):
         self.nominal_s = self._spacing_ms * 1e-3
         self._phase = _Phase.RESTING
         self._rest_points = 0
+        self._renewing = False
         self._moving_at_send = self._was_moving = False
         """True if the newest point, and the one before, is one in motion."""
+        self._empty_s = now_s
+        """Time at which the queue will have run empty, unless points are added."""
         self._counted_s = now_s
         """Time at which `queue_count` was reported."""
         self._rtt_s = 0.0
@@ -101,11 +104,11 @@ class PointStream(Trajectory):
     def command(self, command: RobotCommand, now_s: float) -> None:
         if self._phase is not _Phase.INSTANT:
             return
-        if self._moving_at_send and now_s > self._played_s:
+        if self._moving_at_send and now_s > self._empty_s:
             self._ran_empty(now_s)
             return
         guide = self._guide
-        guide.step(HoldCommand() if self._time_ms >= LAST_TIME_MS else command, self.nominal_s)
+        guide.step(HoldCommand() if self._renewing else command, self.nominal_s)
         if self._renew_now(now_s):
             return
         self._sequence += 1
@@ -118,15 +121,24 @@ class PointStream(Trajectory):
 
     def _renew_now(self, now_s: float) -> bool:
         """Leave a trajectory whose times have become large, at standstill."""
-        self._rest_points = self._rest_points + 1 if self._resting() else 0
+        if not self._resting():
+            self._rest_points = 0
+            self._renewing = self._time_ms >= LAST_TIME_MS
+            return False
+        self._rest_points += 1
         rested = self._rest_points * self.nominal_s >= RENEW_REST_S
         # The point at rest must have been sent, so the one before must be at rest, too.
-        if self._rest_points < 2 or self._time_ms < (RENEW_TIME_MS if rested else LAST_TIME_MS):
-            return False
-        self._counters.restarts += 1
-        self._phase = _Phase.RESTING
-        self._wait_for_rest("a new trajectory is being started", self._played_s)
-        return True
+        if self._rest_points > 1 and (
+            self._renewing or (rested and self._time_ms >= RENEW_TIME_MS)
+        ):
+            self._counters.restarts += 1
+            self._renewing = False
+            self._rest_points = 0
+            self._phase = _Phase.RESTING
+            self._wait_for_rest("a new trajectory is being started", self._played_s)
+            return True
+        self._renewing = self._time_ms >= LAST_TIME_MS
+        return False
 
     def _ran_empty(self, now_s: float) -> None:
         """Restart after the command has stopped dead: the next segment would begin at the last
@@ -153,7 +165,7 @@ class PointStream(Trajectory):
         if point.sequence == 0:
             self.waiting = ""
             self._counters.queue_count = 0
-            self._played_s = self._shorter_s = self._counted_s = now_s
+            self._played_s = self._empty_s = self._shorter_s = self._counted_s = now_s
             self._moving_at_send = False
             self._phase = _Phase.INSTANT
             return
@@ -163,19 +175,15 @@ class PointStream(Trajectory):
         played = int((now_s - self._counted_s) / self._ipc_s)
         self._counters.queue_count += self._increments
         count = max(self._counters.queue_count - played, 0)
+        self._empty_s += self._increments * self._ipc_s
         self._shorter_s = now_s
-        self._wait_for_low(count, now_s)
-
-    def _wait_for_low(self, count: int, now_s: float) -> None:
-        """Wait until `_low` of the `count` increments that the queue holds are left."""
-        # A point is converted within one period and executed from the next one on.
+        # The point is converted within one period and executed from the next one on.
         self._played_s = now_s + (count + 2) * self._ipc_s
-        low = self._low
-        if count <= low:
+        if count <= self._low:
             self._phase = _Phase.INSTANT
             return
         self._phase = _Phase.QUEUED
-        self.next_s = now_s + (count - low) * self._ipc_s
+        self.next_s = now_s + (count - self._low) * self._ipc_s
 
     def _timed(self, now_s: float) -> float:
         """Return the round trip that ends now, s."""
@@ -208,10 +216,17 @@ class PointStream(Trajectory):
             return
         took_s = self._timed(now_s)
         self._counted_s = now_s
-        self._wait_for_low(count, now_s)
-        late = count == 0 or took_s > SLOW_REPLY_S
-        if self._phase is _Phase.INSTANT and self._moving_at_send and late:
+        # The queue held that many at the end of the round trip at the latest.
+        self._empty_s = now_s + (count + 2) * self._ipc_s
+        low = self._low
+        if count > low:
+            self._phase = _Phase.QUEUED
+            self.next_s = now_s + (count - low) * self._ipc_s
+            return
+        if self._moving_at_send and (count == 0 or took_s > SLOW_REPLY_S):
             self._ran_empty(now_s)
+            return
+        self._phase = _Phase.INSTANT
 
     def _refused(self, now_s: float) -> None:
         self._phase = _Phase.RESTING
