@@ -59,6 +59,18 @@ def limit_norm(v: Vector3, longest: float) -> Vector3:
     return v if length <= longest else scale(v, longest / length)
 
 
+def towards(now: Vector3, target: Vector3, most: float) -> Vector3:
+    """Return `target`, or the point at most `most` from `now` on the way to it."""
+    x, y, z = now
+    u, v, w = target
+    u, v, w = u - x, v - y, w - z
+    squared = u * u + v * v + w * w
+    if squared <= most * most:
+        return target
+    share = most / math.sqrt(squared)
+    return tuple.__new__(Vector3, (x + u * share, y + v * share, z + w * share))
+
+
 def is_finite(values: tuple[float, ...]) -> bool:
     """True when no element is NaN or infinite."""
     return all(map(math.isfinite, values))

@@ -9,9 +9,9 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from cardan.gateway.arm.authority import OPERATOR
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.states import Inhibit
+from cardan.gateway.arm.status import OPERATOR
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.verb_results import Motion

@@ -116,9 +116,9 @@ def test_each_equivalent_mutant_is_there_and_has_a_reason():
 
 
 def test_a_mutant_is_noticed_where_it_is_asserted_and_not_elsewhere(tmp_path):
-    path, test = "cardan/gateway/arm/authority.py", "tests/gateway/arm/test_authority.py"
+    path, test = "cardan/spatial.py::towards", "tests/drivers/test_limiters.py"
     outcomes = {}
-    for tests in (test, f"{test}::test_nobody_has_it_at_first"):
+    for tests in (test, f"{test}::test_the_length_of_an_orientation_comes_back_to_one"):
         report = tmp_path / "report.json"
         words = ["--only", path, "--sample", "12", "--tests", tests, "--report", str(report)]
         ended = subprocess.run(
@@ -129,4 +129,4 @@ def test_a_mutant_is_noticed_where_it_is_asserted_and_not_elsewhere(tmp_path):
         outcomes[tests] = {row["outcome"] for row in rows}
         assert ended.returncode == (1 if "survived" in outcomes[tests] else 0)
     assert outcomes[test] == {"killed"}
-    assert "survived" in outcomes[f"{test}::test_nobody_has_it_at_first"]
+    assert "survived" in outcomes[f"{test}::test_the_length_of_an_orientation_comes_back_to_one"]

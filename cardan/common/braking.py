@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from cardan.types import Vector3
-
 
 def stopping_speed(distance: float, acceleration: float, dt_s: float) -> float:
     """Return the highest speed that, held for one period, leaves enough distance to stop: the v
@@ -44,18 +42,6 @@ def clipped(
     """Return `values`, each within its bounds."""
     bounds = zip(values, lowest, highest, strict=True)
     return tuple([min(max(v, low), high) for v, low, high in bounds])
-
-
-def towards(now: Vector3, target: Vector3, most: float) -> Vector3:
-    """Return `target`, or the point at most `most` from `now` on the way to it."""
-    x, y, z = now
-    u, v, w = target
-    u, v, w = u - x, v - y, w - z
-    squared = u * u + v * v + w * w
-    if squared <= most * most:
-        return target
-    share = most / math.sqrt(squared)
-    return tuple.__new__(Vector3, (x + u * share, y + v * share, z + w * share))
 
 
 def within_walls(

@@ -23,10 +23,9 @@ from cardan.common.braking import (
     clipped,
     stopping_speed,
     stopping_speeds,
-    towards,
     within_walls,
 )
-from cardan.spatial import limit_norm
+from cardan.spatial import limit_norm, towards
 from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
 
 _sqrt = math.sqrt

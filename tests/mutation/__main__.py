@@ -360,7 +360,7 @@ def within(each: Sequence[Tried], took_s: Mapping[Tried, float], most_s: float) 
 
 def may_not_survive(mutant: Mutant) -> bool:
     """Return whether its area allows no survivors, in which case all of its tests run."""
-    return any(mutant.path.startswith(AREAS[area]) for area in NO_SURVIVORS)
+    return any(mutant.name.startswith(AREAS[area]) for area in NO_SURVIVORS)
 
 
 def module_of(path: str) -> str:
@@ -466,11 +466,11 @@ _OUT = os.dup(2)
 
 
 def matching(only: Sequence[str]) -> list[str]:
-    """Return the files of the areas, or those below the given paths."""
+    """Return the files of the areas, or those below the given paths; `path::function` is a part."""
     asked = only or [path for paths in AREAS.values() for path in paths]
     found: set[str] = set()
     for each in asked:
-        place = ROOT / each
+        place = ROOT / each.partition("::")[0]
         if not place.exists():
             raise SystemExit(f"{each}: there is no such file or folder in {ROOT}")
         files = place.rglob("*.py") if place.is_dir() else [place]
@@ -496,7 +496,9 @@ def main() -> int:
     parser = argparse.ArgumentParser("tools/mutants", description=__doc__)
     parser.add_argument("--sample", type=int, help="so many of the mutants; without it, all")
     parser.add_argument("--seed", type=int, default=0, help="another seed: another sample")
-    parser.add_argument("--only", nargs="+", default=[], metavar="PATH", help="file or folder")
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="PATH", help="file, folder, FILE::FUNCTION"
+    )
     parser.add_argument("--area", nargs="+", default=[], choices=AREAS)
     parser.add_argument("--survivors", type=Path, help="of a report; with --tests, of others")
     parser.add_argument("--tests", nargs="+", metavar="PATH", help="those that are run")
@@ -508,10 +510,12 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="only say which there are")
     asked = parser.parse_args()
     os.chdir(ROOT)
-    areas = [path for area in asked.area for path in AREAS[area]]
-    paths = matching([*asked.only, *areas])
+    parts = (*asked.only, *(path for area in asked.area for path in AREAS[area]))
+    parts = parts or tuple(path for paths in AREAS.values() for path in paths)
+    paths = matching(parts)
     equal = equivalents()
-    mutants = [m for path in paths for m in mutants_of(path) if m.name not in equal]
+    mutants = [m for path in paths for m in mutants_of(path)]
+    mutants = [m for m in mutants if m.name.startswith(parts) and m.name not in equal]
     there = len(mutants)
     if asked.sample is not None and asked.sample < there:
         mutants = sorted(random.Random(asked.seed).sample(mutants, asked.sample))
@@ -583,7 +587,7 @@ def summary(
     """Print the figures; return 1 if a mutant survived in an area without survivors."""
     bad = 0
     for area, paths in [*AREAS.items(), ("all", ("",))]:
-        mine = [m for m in mutants if any(m.path.startswith(path) for path in paths)]
+        mine = [m for m in mutants if m.name.startswith(paths)]
         alive = [m for m in mine if results[m][0] == SURVIVED]
         if mine:
             share = 100.0 * (len(mine) - len(alive)) / len(mine)

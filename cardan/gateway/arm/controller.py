@@ -20,18 +20,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 from cardan.common.haptics import WorldMap
-from cardan.gateway.arm.authority import OPERATOR, Authority
-from cardan.gateway.arm.commanded_arm import CommandedArm, equal_steps
-from cardan.gateway.arm.following_error import FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError, equal_steps
 from cardan.gateway.arm.motions.base import CommandedMotion
-from cardan.gateway.arm.motions.brake import Brake
-from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import NO_WAY, Recover
+from cardan.gateway.arm.motions.reference_motion import Brake, FollowOperator
 from cardan.gateway.arm.output_check import OutputCheck, OutputLimits
 from cardan.gateway.arm.states import (
     RESTING,
     ArmEvent,
     ArmingAction,
+    Authority,
     Facts,
     Inhibit,
     States,
@@ -39,7 +37,7 @@ from cardan.gateway.arm.states import (
     inhibits_after,
     phase_of,
 )
-from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
+from cardan.gateway.arm.status import OPERATOR, TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.operator.deadman import Arming

@@ -8,8 +8,8 @@ from typing import Any
 
 from cardan.common.context import enter, leave
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.parameters import Key, Value
+from cardan.gateway.arm.status import VERBS
 from cardan.gateway.arm.validation import Target
 from cardan.gateway.arm.verb_results import ControllerStatus, Motion, Rehearsal, Stat
 from cardan.gateway.arm.vocab import Action

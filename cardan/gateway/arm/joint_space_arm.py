@@ -16,8 +16,8 @@ from cardan.gateway.arm.commanded_arm import (
     FASTEST_TCP_RAD_S,
     SHORTEST_S,
     CommandedArm,
+    FollowingError,
 )
-from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.neighbors import NeighborBodies
 from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose

@@ -10,8 +10,8 @@ from cardan.common import bounds
 from cardan.common.bounds import Bounds
 from cardan.common.options import Options, require
 from cardan.gateway.arm.arrival import ArrivalOptions
-from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.motions.torque import TorqueLimits
+from cardan.gateway.arm.states import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.motion.planner import Margins
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits

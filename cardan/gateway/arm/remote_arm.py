@@ -14,7 +14,6 @@ from typing import Any
 
 from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.errors import CardanError, MotionLoopError, OptionError
-from cardan.gateway.arm.authority import OPERATOR, VERBS
 from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.loop_link import NOT_OPEN
 from cardan.gateway.arm.requests import (
@@ -26,6 +25,7 @@ from cardan.gateway.arm.requests import (
     encode_request,
     result_of,
 )
+from cardan.gateway.arm.status import OPERATOR, VERBS
 from cardan.gateway.arm.validation import LONGEST_NAME
 from cardan.gateway.arm.verb_results import Motion, Outcome
 

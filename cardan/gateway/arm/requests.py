@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 from cardan import errors
 from cardan.common.value_json import to_json
 from cardan.errors import CardanError
-from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.arm.status import AuthorityState
 from cardan.gateway.arm.validation import brief, checked_sequence, checked_source
 from cardan.gateway.arm.verb_results import ControllerStatus, Motion, Outcome, Rehearsal, Stat
 from cardan.gateway.arm.verb_table import (

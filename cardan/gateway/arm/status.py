@@ -5,9 +5,14 @@ from __future__ import annotations
 import enum
 from typing import Final, NamedTuple
 
-from cardan.gateway.arm.authority import AuthorityState
 from cardan.gateway.servo.status import ServoStatus
 from cardan.types import Pose, Twist
+
+OPERATOR = "device"
+"""The operator device of the session: its name in files, in records and on the network."""
+
+VERBS = "verbs"
+"""The verbs and nameless streams of this process."""
 
 
 class Phase(enum.Enum):
@@ -34,6 +39,17 @@ behind as it may be."""
 
 TAUT_SHARE: Final = 0.9
 """Share of the maximum lead above which the robot counts as not following."""
+
+
+class AuthorityState(NamedTuple):
+    """The source that has the authority, the time since when, and the last refusal."""
+
+    owner: str
+    """Empty: no source."""
+    since_s: float
+    """Local monotonic time."""
+    refused: str
+    """The last refusal; empty before the first."""
 
 
 class ArmStatus(NamedTuple):

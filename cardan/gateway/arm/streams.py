@@ -12,16 +12,16 @@ from typing import Any
 
 from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import OPERATOR, VERBS
 from cardan.gateway.arm.backlog import Delays
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.motions.base import CommandedMotion
 from cardan.gateway.arm.motions.joint_stream import FollowJointStream
 from cardan.gateway.arm.motions.pose_stream import FollowPoseStream
+from cardan.gateway.arm.motions.reference_motion import FollowTwistStream
 from cardan.gateway.arm.motions.torque import TorqueMotion
-from cardan.gateway.arm.motions.twist_stream import FollowTwistStream
 from cardan.gateway.arm.replay_requests import CommandHeader, argument_text
+from cardan.gateway.arm.status import OPERATOR, VERBS
 from cardan.gateway.arm.validation import (
     LONGEST_NAME,
     FramedPose,

@@ -13,8 +13,7 @@ from typing import Annotated, NamedTuple
 
 from cardan.common import bounds
 from cardan.common.options import CODE_ONLY, Options
-from cardan.gateway.arm.commanded_arm import CommandedArm
-from cardan.gateway.arm.following_error import FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
 from cardan.gateway.arm.motions.base import CommandedMotion
 from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.types import NEVER_S, RobotLink, RobotState

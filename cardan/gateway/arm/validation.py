@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import OPERATOR
+from cardan.gateway.arm.status import OPERATOR
 from cardan.gateway.arm.vocab import Action, vocab, vocab_text
 from cardan.spatial import from_rotation_vector, is_finite, normalized, to_rotation_vector
 from cardan.types import Frame, Pose, Vector3

@@ -14,13 +14,14 @@ from dataclasses import replace
 from cardan.common.arm_libraries import np
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
-from cardan.gateway.arm.authority import VERBS, Authority
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
 from cardan.gateway.arm.motions.joint_trajectory import FollowJointTrajectory
 from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.replay_requests import CommandHeader, argument_text
+from cardan.gateway.arm.states import Authority
+from cardan.gateway.arm.status import VERBS
 from cardan.gateway.arm.streams import Streams
 from cardan.gateway.arm.validation import (
     FramedPose,

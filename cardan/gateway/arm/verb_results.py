@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import VERBS, AuthorityState
+from cardan.gateway.arm.status import VERBS, AuthorityState
 from cardan.gateway.arm.validation import Six
 from cardan.gateway.arm.vocab import State, Stream
 from cardan.gateway.servo.status import ServoStatus

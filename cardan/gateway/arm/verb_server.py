@@ -7,8 +7,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.loop_link import LoopLink
+from cardan.gateway.arm.status import VERBS
 from cardan.gateway.arm.validation import checked_sequence, checked_source, checked_timeout
 from cardan.gateway.arm.verb_results import Motion, Outcome, Rehearsal
 from cardan.gateway.arm.verb_table import NOTHING, VERB_TABLE

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cardan.bus.options import BusOptions
 from cardan.common.bounds import ANGULAR_SPEED_RAD_S, LINEAR_SPEED_M_S, Range
 from cardan.errors import OptionError
-from cardan.gateway.arm.authority import OPERATOR
+from cardan.gateway.arm.status import OPERATOR
 from cardan.gateway.bus.compatibility import NamesOf, ServoScales
 from cardan.protocols.ros2.names import RosNameError, checked_name
 

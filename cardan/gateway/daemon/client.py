@@ -14,9 +14,9 @@ from typing import Any, Final
 
 from cardan.common.sockets import UntrustedServerError, absence, connected, hang_up, runtime_path
 from cardan.errors import AddressError, CardanError, DriverError
-from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.remote_arm import RemoteArm
 from cardan.gateway.arm.requests import Request
+from cardan.gateway.arm.status import VERBS
 from cardan.gateway.daemon.control import (
     Ask,
     ControlError,

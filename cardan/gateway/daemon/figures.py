@@ -16,8 +16,7 @@ from prometheus_client.core import (
     Metric,
 )
 
-from cardan.gateway.arm.authority import OPERATOR, VERBS
-from cardan.gateway.arm.status import LIMITS, Phase
+from cardan.gateway.arm.status import LIMITS, OPERATOR, VERBS, Phase
 from cardan.gateway.daemon.restart_policy import UnitState
 from cardan.gateway.servers.stats import ROUND_TRIP
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot

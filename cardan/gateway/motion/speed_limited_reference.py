@@ -20,7 +20,6 @@ from cardan.common.braking import (
     clipped,
     stopping_speed,
     stopping_speeds,
-    towards,
     within_walls,
 )
 from cardan.common.options import Options, require
@@ -30,6 +29,7 @@ from cardan.spatial import (
     moved,
     normalized,
     rotate,
+    towards,
 )
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 

@@ -14,9 +14,9 @@ from cardan.common.tables import as_table, read_table, read_toml, resolved
 from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import ConfigurationError, ExtraMissingError, MotionRefusedError, below, together
-from cardan.gateway.arm.authority import Authority
 from cardan.gateway.arm.commanded_arm import CommandedArm, TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.states import Authority
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.operator.filters.base import TwistFilter

@@ -19,7 +19,7 @@ from cardan.common.tables import keys_of, read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.arrival import ArrivalOptions
-from cardan.gateway.arm.authority import AuthorityOptions
+from cardan.gateway.arm.states import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.bus.options import NetworkOptions, is_topic
 from cardan.gateway.force.tables import (

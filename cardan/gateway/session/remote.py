@@ -15,8 +15,8 @@ from cardan.errors import (
     DriverError,
     MotionLoopError,
 )
-from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.remote_arm import RemoteArm
+from cardan.gateway.arm.status import VERBS
 from cardan.gateway.session.arm_assembly import why_no_verbs
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import SessionConfig

@@ -22,11 +22,10 @@ import numpy as np
 
 from cardan.common.native import NativePartError
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import OPERATOR, VERBS
-from cardan.gateway.arm.motions.brake import Brake
-from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import Recover
+from cardan.gateway.arm.motions.reference_motion import Brake, FollowOperator
 from cardan.gateway.arm.states import RESTING, Inhibit, States
+from cardan.gateway.arm.status import OPERATOR, VERBS
 from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import Stream

@@ -12,14 +12,12 @@ import random
 import numpy as np
 
 from cardan.errors import CardanError
-from cardan.gateway.arm.authority import OPERATOR, AuthorityOptions, AuthorityPolicy
-from cardan.gateway.arm.motions.brake import Brake
-from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import Recover
+from cardan.gateway.arm.motions.reference_motion import Brake, FollowOperator
 from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.states import Inhibit
-from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.states import AuthorityOptions, AuthorityPolicy, Inhibit
+from cardan.gateway.arm.status import OPERATOR, Phase
 from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.robots import load_arm
 from cardan.spatial import is_finite, norm, subtract

@@ -5,14 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from cardan.errors import ConfigurationError, OptionError
-from cardan.gateway.arm.authority import (
-    LEASE_S,
-    OPERATOR,
-    VERBS,
-    Authority,
-    AuthorityOptions,
-    AuthorityPolicy,
-)
+from cardan.gateway.arm.states import LEASE_S, Authority, AuthorityOptions, AuthorityPolicy
+from cardan.gateway.arm.status import OPERATOR, VERBS
 from cardan.types import NEVER_S
 
 

@@ -12,10 +12,10 @@ from cardan.gateway.arm.commanded_arm import (
     FASTEST_TCP_RAD_S,
     READING_NOISE_M,
     READING_NOISE_RAD,
+    FollowingError,
     TaskSpaceArm,
     equal_steps,
 )
-from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import Deceleration
 from cardan.gateway.arm.motions.pose_stream import RESTING_M_S, FollowPoseStream
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits

@@ -6,19 +6,11 @@ import numpy as np
 import pytest
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import (
-    LEASE_S,
-    OPERATOR,
-    VERBS,
-    Authority,
-    AuthorityOptions,
-    AuthorityPolicy,
-)
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.states import Inhibit
-from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.states import LEASE_S, Authority, AuthorityOptions, AuthorityPolicy, Inhibit
+from cardan.gateway.arm.status import OPERATOR, VERBS, Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
 from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import AuthorityOptions, AuthorityPolicy
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.states import Inhibit
+from cardan.gateway.arm.states import AuthorityOptions, AuthorityPolicy, Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
 from cardan.gateway.arm.verb_results import Outcome

@@ -9,7 +9,6 @@ from hypothesis import given, strategies as st
 
 from cardan import errors
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
-from cardan.gateway.arm.authority import AuthorityState
 from cardan.gateway.arm.requests import (
     MAX_REQUEST_BYTES,
     MotionNote,
@@ -24,6 +23,7 @@ from cardan.gateway.arm.requests import (
     encode_request,
     result_of,
 )
+from cardan.gateway.arm.status import AuthorityState
 from cardan.gateway.arm.verb_results import ControllerStatus, Motion, Outcome, Stat
 from cardan.gateway.arm.verb_table import IN_PACKETS
 from cardan.gateway.arm.vocab import Action, Begins, Parameter, State, Stream

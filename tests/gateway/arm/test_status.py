@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from cardan.gateway.arm.authority import AuthorityState
-from cardan.gateway.arm.status import LIMITS, ArmStatus, Phase
+from cardan.gateway.arm.status import LIMITS, ArmStatus, AuthorityState, Phase
 from cardan.gateway.servo.status import ServoStatus
 from cardan.types import NEVER_S, ZERO_TWIST
 

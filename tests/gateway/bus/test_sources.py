@@ -4,8 +4,8 @@ it."""
 import pytest
 
 from cardan.bus.node import LEASE_MS, gid_of_token
-from cardan.gateway.arm.authority import LEASE_S
 from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S
+from cardan.gateway.arm.states import LEASE_S
 from cardan.gateway.arm.vocab import Stream
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE

@@ -2,8 +2,7 @@
 
 import pytest
 
-from cardan.gateway.arm.authority import AuthorityState
-from cardan.gateway.arm.status import ArmStatus, Phase
+from cardan.gateway.arm.status import ArmStatus, AuthorityState, Phase
 from cardan.gateway.operator.feedback import (
     FEEDBACK_PERIOD_S,
     LIMIT_LEVEL,

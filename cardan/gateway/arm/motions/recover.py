@@ -9,8 +9,8 @@ from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_RAD_S,
     APPROACH_TIME_S,
     CommandedArm,
+    FollowingError,
 )
-from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import GOING, CommandedMotion, Progress
 from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.spatial import norm, rotation_between, subtract

@@ -1,4 +1,4 @@
-"""Base of motions in which the TCP follows a reference point."""
+"""Motions in which the TCP follows a reference point: by an operator, by a stream, to rest."""
 
 from __future__ import annotations
 
@@ -90,3 +90,36 @@ class ReferenceMotion(CommandedMotion):
         if self.braking and not reference.moving:
             self._resting = True
         return GOING
+
+
+class FollowOperator(ReferenceMotion):
+    """Moves the TCP by the newest request of an operator device."""
+
+    follows_operator = True
+
+    @property
+    def driven(self) -> bool:
+        return self.wanted != ZERO_TWIST or self.rates is not None
+
+
+class Brake(ReferenceMotion):
+    """Ramps the TCP from its present speed to rest within the reference's limits."""
+
+    def __init__(self, commanded: CommandedArm, reference: Reference) -> None:
+        super().__init__(commanded, reference)
+        reference.place(commanded.pose)
+        twist = commanded.twist
+        reference.linear, reference.angular = twist.linear, twist.angular
+        self.brake()
+
+    @property
+    def idle(self) -> bool:
+        return False
+
+
+class FollowTwistStream(ReferenceMotion):
+    """Streamed twists."""
+
+    @property
+    def driven(self) -> bool:
+        return self.wanted != ZERO_TWIST and not self.braking

@@ -5,7 +5,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.motions.base import ARRIVED
-from cardan.gateway.arm.motions.brake import Brake
+from cardan.gateway.arm.motions.reference_motion import Brake
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.spatial import norm, subtract
 from cardan.types import (

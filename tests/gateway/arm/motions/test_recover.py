@@ -6,9 +6,9 @@ from hypothesis import given, settings, strategies as st
 from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
+    FollowingError,
     TaskSpaceArm,
 )
-from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.recover import MARGIN_M, MARGIN_SHARE, Recover
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.spatial import add, from_rotation_vector, norm, rotation_between, subtract
