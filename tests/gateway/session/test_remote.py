@@ -110,6 +110,7 @@ class ThreadProcess(SessionProcess):
 
     def __init__(self, config):
         self._config, self._stopping, self._give_up_s = config, False, math.inf
+        self._router_promised = lambda _address: False
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         theirs.setblocking(False)
         self.session = make_session(config, theirs)
