@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import pytest
 
-from cardan.common.bounds import Range
+from cardan.common.bounds import HOST, LISTEN_HOST, Range
 from cardan.common.options import check_options, hints
 from cardan.common.tables import keys_of, read_table
 from cardan.drivers import registry
@@ -148,6 +148,20 @@ def test_no_host_is_an_address_of_many(options, name):
     if "address or the name of one" in str(hints(options)[name]) or port:
         with pytest.raises(OptionError, match="wildcard"):
             options(**{name: f"0.0.0.0{port}"})
+
+
+@pytest.mark.parametrize(("options", "name"), HOSTS)
+def test_no_host_has_a_port(options, name):
+    port = ":6520" if name == "endpoint" else ""
+    for bad in ("127.0.0.1:30004", "robot:30004", "[::1]:30004"):
+        with pytest.raises(OptionError, match=rf"^{name}: "):
+            options(**{name: f"{bad}{port}"})
+
+
+@pytest.mark.parametrize("host", ["::1", "[::1]", "fe80::1%eth0", "2001:db8::30004", "robot"])
+def test_a_host_may_be_an_ipv6_address(host):
+    assert host in HOST
+    assert host in LISTEN_HOST
 
 
 # -- ranges ----------------------------------------------------------------------------------------

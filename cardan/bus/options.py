@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.common.bounds import FILE, Range
+from cardan.common.bounds import ANY_PORT, FILE, Range
 from cardan.common.options import Options
 from cardan.errors import OptionError
 
@@ -14,6 +15,9 @@ ROUTER = "tcp/127.0.0.1:7447"
 
 DOMAIN = Range(0, 232, "", "beyond it DDS has no ports")
 """ROS_DOMAIN_ID."""
+
+
+_IP_PORT = re.compile(r"(?:tcp|udp|tls|quic|ws)/[^?#]*:([0-9]+)(?:[?#]|$)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,5 +45,8 @@ class BusOptions(Options):
             for each in endpoints:
                 if each and "/" not in each:
                     raise OptionError(key, each, "an endpoint of Zenoh, such as tcp/127.0.0.1:7447")
+                port = _IP_PORT.match(each)
+                if port and (len(port[1]) > 5 or int(port[1]) not in ANY_PORT):
+                    raise OptionError(key, each, "an endpoint with a port from 0 to 65535")
         if self.mode == "client" and not self.router and not self.zenoh_config:
             raise OptionError("router", self.router, "an endpoint, as a client needs one")

@@ -86,6 +86,8 @@ class Host(Text):
             return False
         if _DOTTED.fullmatch(str(value)) and re.fullmatch(_IPV4, str(value)) is None:
             return False  # No name is of numbers alone: an address with one that is too large.
+        if str(value).count(":") == 1 or "]:" in str(value):
+            return False  # A port; addresses of IPv6 have two colons or more.
         kind = shared_address(str(value))
         return not kind or (self.listens and kind == _ALL_OWN)
 
@@ -309,8 +311,8 @@ _SOCKET_PATH_BYTES = 107
 PORT = Range(1, 65535, "", "ports have 16 bits")
 ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
 HOP_LIMIT = Range(0, 255, "", "it has 8 bits", zero="this computer")
-_ONE = "of one computer: no multicast, broadcast or wildcard address"
-_OWN = "of this computer: no multicast or broadcast address"
+_ONE = "of one computer, without a port: no multicast, broadcast or wildcard address"
+_OWN = "of this computer, without a port: no multicast or broadcast address"
 _NAME = r"[^\s\x00-\x1f\x7f]+"
 _NAME_OR_IPV4 = r"[^\s:\x00-\x1f\x7f]+"
 HOST = Host(_NAME, f"the address or the name {_ONE}")

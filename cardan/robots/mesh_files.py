@@ -63,7 +63,7 @@ def find_mesh(uri: str, urdf: Path, folders: Sequence[Path] = ()) -> tuple[Path 
     for place in _places(uri, urdf, folders):
         if os.path.isfile(place):
             return place, ""
-        looked[str(place)] = None
+        looked[f"{place} (not a file)" if os.path.exists(place) else str(place)] = None
     where = ", ".join(looked) or f"in no package of that name from {urdf.parent} upward"
     remedy = "; name the folder of its package in ROS_PACKAGE_PATH" if uri[:8] == "package:" else ""
     return None, f"mesh {shown(uri)} is not there; looked for: {where}{remedy}"

@@ -311,6 +311,20 @@ def _version(robot: ET.Element) -> str:
     return robot.get("version", _VERSIONS[0])
 
 
+def _cycle(joints: list[TreeJoint]) -> str:
+    """Return why `joints` have no base link, in words."""
+    if not joints:
+        return "it has no joint"
+    parents = {joint.child: joint.parent for joint in joints}
+    link, path = joints[0].parent, dict[str, None]()
+    while link not in path:
+        path[link] = None
+        link = parents[link]
+    links = [*path]
+    cycle = [*links[links.index(link) :], link]
+    return f"its links form a cycle: {' -> '.join(reversed(cycle))}"
+
+
 def read_tree(text: str) -> Tree:
     """Parse a URDF. Raises ConfigurationError for text that is not URDF, and if its links and
     joints are no tree."""
@@ -325,7 +339,8 @@ def read_tree(text: str) -> Tree:
             raise joint.refused()
     roots = {joint.parent for joint in joints} - {joint.child for joint in joints}
     if len(roots) != 1:
-        raise _wrong(f"an arm has one base link, not {sorted(roots)}")
+        why = "" if roots else f": {_cycle(joints)}"
+        raise _wrong(f"an arm has one base link, not {sorted(roots)}{why}")
     (root,) = roots
     below: dict[str, list[TreeJoint]] = {}
     above: dict[str, TreeJoint] = {}

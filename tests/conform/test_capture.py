@@ -418,10 +418,41 @@ def test_a_port_scan_changes_no_verdict(name, tmp_path):
     assert "2 packets between 192.0.2.9 and " in timeline.strays[0]
 
 
+@pytest.mark.parametrize("name", ["motoros", "joint-stream", "jr3"])
+def test_of_a_truncated_capture_the_whole_packets_are_judged(name, tmp_path, capsys):
+    path = recorded(tmp_path, name, seconds=1.0)[1]
+    head, packets = packets_of(path)
+    path.write_bytes(head + b"".join(packets[:-1]))
+    whole = verdicts(path, name)
+    path.write_bytes(head + b"".join(packets)[:-3])
+    where = f"truncated: the file ends inside a packet after packet {len(packets) - 1}"
+    report, timeline = captured(registry.load(name), path)
+    assert timeline.strays == (f"{where}; the rest is not read",)
+    for each in report.results:
+        before = whole[each.id]
+        if before.outcome is VerdictOutcome.FAILED:
+            assert each.outcome is VerdictOutcome.NOT_SEEN
+            assert each.said.startswith(f"{DOUBTED}{where}; ")
+        elif before.outcome is VerdictOutcome.PASSED:
+            assert each.said == f"{before.said}, in what the capture has"
+    assert any(each.outcome is VerdictOutcome.PASSED for each in report.results)
+
+
+def test_a_failure_in_a_truncated_capture_is_doubted(tmp_path, capsys):
+    path = recorded(tmp_path, "joint-stream", {"drop": 0.2}, seconds=0.5)[1]
+    path.write_bytes(path.read_bytes()[:-3])
+    with pytest.raises(SystemExit) as ended:
+        app(["conform", "joint-stream", "--capture", str(path)])
+    assert ended.value.code == 4
+    said = capsys.readouterr()
+    assert f"{DOUBTED}truncated: the file ends inside a packet after packet " in said.out
+    assert "; the rest is not read" in said.err
+
+
 def test_damaged_files_are_named(tmp_path):
     path = recorded(tmp_path, "motoros", seconds=1.0)[1]
     data = path.read_bytes()
-    for content, why in ((data[:-3], "truncated"), (b"", "empty"), (b"nothing!", "not a pcap")):
+    for content, why in ((data[:30], "truncated"), (b"", "empty"), (b"nothing!", "not a pcap")):
         path.write_bytes(content)
         with pytest.raises(CaptureError, match=rf"capture\.pcap: .*{why}"):
             verdicts(path, "motoros")

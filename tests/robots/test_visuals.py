@@ -84,7 +84,7 @@ def test_one_that_is_damaged_in_the_cache_is_read_again(own):
         ("none.obj", None, "mesh 'none.obj' is not there; looked for: "),
         ("package://nobody/none.obj", None, "in no package of that name"),
         ("https://example.org/a.stl", None, "must be a path, or begin with package://"),
-        ("/dev/zero", None, "is not there"),
+        ("/dev/zero", None, "is not there; looked for: /dev/zero (not a file)"),
         ("", None, "mesh '' is not there"),
         ("bad.obj", "f 1 2 3\n", "bad.obj is cut off or damaged"),
         ("bad.stl", "solid", "bad.stl is cut off"),

@@ -49,7 +49,7 @@ def refuse(verb: str, why: str) -> NoReturn:
 
 def number(verb: str, value: Any) -> float:
     """Return `value` as a finite float. Raises MotionRefusedError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or str(value) == "nan":
         refuse(verb, f"takes numbers, not {brief(value)}")
     if not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:
         refuse(verb, f"{brief(value)} is too large a number")

@@ -180,6 +180,8 @@ class CaptureReader:
         self._figures: dict[tuple[Dissector, str], Figures] = {}
         self.lost = 0
         """Packets lost according to the capturing programs."""
+        self.damage = ""
+        """Truncation or damage of the last file, and its place; empty: none."""
         self.cut: Counter[int] = Counter()
         """Number of packets that the capture cut, by the number of bytes kept."""
         self._copies = 0
@@ -198,17 +200,20 @@ class CaptureReader:
         for path in paths:
             file = Capture(path, self.packets + 1)
             begins = True
-            for packet in file:
-                if begins and packet.time_ns < last_ns:
-                    self._late.append(file.path)
-                number, last_ns, link_type, _, data, wire_bytes, _ = packet
-                begins = False
-                if wire_bytes > len(data):
-                    self.cut[len(data)] += 1
-                if number % PROGRESS_PACKETS == 0:
-                    progress(number, file.share)
-                yield network.unwrapped(packet) if link_type in network.COOKED_BYTES else packet
-            self.lost += file.lost
+            try:
+                for packet in file:
+                    if begins and packet.time_ns < last_ns:
+                        self._late.append(file.path)
+                    number, last_ns, link_type, _, data, wire_bytes, _ = packet
+                    begins = False
+                    if wire_bytes > len(data):
+                        self.cut[len(data)] += 1
+                    if number % PROGRESS_PACKETS == 0:
+                        progress(number, file.share)
+                    yield network.unwrapped(packet) if link_type in network.COOKED_BYTES else packet
+            finally:
+                self.lost += file.lost
+                self.damage = file.damage
 
     def is_copy(self, packet: CapturedPacket, parsed: Segment | str) -> bool:
         """Return True if a packet's content was seen on another interface just before."""

@@ -124,8 +124,8 @@ class Capture:
         self._count = first - 1
         self._stream: BinaryIO | None = None
         self._bytes: int | None = None
-        self._is_capture = False
-        """True for a capture, also a damaged one."""
+        self.damage = ""
+        """Truncation or damage of the file, and its place; empty: none as far as it was read."""
 
     @property
     def share(self) -> float | None:
@@ -145,7 +145,7 @@ class Capture:
                     with open_file(self.path) as stream:
                         next(self._packets(stream), None)
         except CaptureError:
-            if not self._is_capture:
+            if not self.damage:
                 raise
 
     def __iter__(self) -> Iterator[CapturedPacket]:
@@ -214,8 +214,8 @@ class Capture:
         )
 
     def _damaged(self, what: str) -> CaptureError:
-        self._is_capture = True
-        return CaptureError(f"{self.path}: {what} after packet {self._count}; the rest is not read")
+        self.damage = f"{what} after packet {self._count}"
+        return CaptureError(f"{self.path}: {self.damage}; the rest is not read")
 
     def _exactly(self, stream: BinaryIO, size: int) -> bytes:
         if size > MAX_BLOCK_BYTES:

@@ -141,9 +141,10 @@ def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") 
     """Return the timeline of a capture for `suite`; times are the capture's.
 
     `target` is ``[HOST][:PORT]`` of the flow, a bus in the suite's notation, or a device in that of
-    `cardan dissect` ("USB 1.5"). Raises CaptureError for a file that is no capture, is damaged, or
-    has no packets, and ConfigurationError for a malformed target and for a capture without the
-    flow, which names the flows of the capture.
+    `cardan dissect` ("USB 1.5"). Of a truncated or damaged file the packets before the damage are
+    taken. Raises CaptureError for a file that is no capture or has no whole packet, and
+    ConfigurationError for a malformed target and for a capture without the flow, which names the
+    flows of the capture.
     """
     kind = suite.transport.kind
     if kind == "other" and suite.dissector:
@@ -488,8 +489,7 @@ def _read(reading: _Reading, path: str | os.PathLike[str], suite: Suite[Any]) ->
     kinds = registry.dissectors()
     capture = CaptureReader(kinds, {})
     broken = 0
-    for packet in capture.read((path,), lambda packets, share: None):
-        capture.packets += 1
+    for packet in _packets(capture, path):
         reading.last_ns = packet.time_ns
         parsed = network.parse(packet)
         if not isinstance(parsed, Segment):
@@ -498,13 +498,11 @@ def _read(reading: _Reading, path: str | os.PathLike[str], suite: Suite[Any]) ->
             capture.hints.add(packet, parsed)
     reading.finish()
     _check_flows(reading, capture, kinds, path)
-    of_all = []
-    if capture.lost:
-        of_all.append(f"the capturing program lost {capture.lost} packets")
+    of_all = _lacks(capture)
     if broken:
         of_all.append("the capture cut packets before their ports")
     found = _timeline(reading.events, (*reading.lacks, *of_all))
-    found.strays = tuple(reading.strays)
+    found.strays = (*_damage(capture), *reading.strays)
     if reading.protocol == "TCP":
         _leave_open(found, reading.ours, reading.last_ns)
         return found
@@ -598,9 +596,8 @@ def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Captured:
             "--capture",
             f"{name} has no frames of it in {capture.packets} packets; --target is {suite.target}",
         )
-    if capture.lost:
-        lacks.append(f"the capturing program lost {capture.lost} packets")
-    found = _timeline(events, lacks)
+    found = _timeline(events, (*_lacks(capture), *lacks))
+    found.strays = _damage(capture)
     found.unsure = _unsure(found)
     return found
 
@@ -617,8 +614,7 @@ def _of_device(suite: Suite[Any], path: str | os.PathLike[str], target: str) -> 
             if isinstance(each, Message) and end is not None:
                 reports.setdefault(end["device"], []).append((end["way"], each))
 
-    for packet in capture.read((path,), lambda packets, share: None):
-        capture.packets += 1
+    for packet in _packets(capture, path):
         if packet.link_type in dissector.link_types:
             take(dissector.feed(packet, ""))
     take(dissector.finish())
@@ -637,11 +633,13 @@ def _of_device(suite: Suite[Any], path: str | os.PathLike[str], target: str) -> 
             "--capture",
             f"{name} has no reports{of_it} from {suite.judges} in {capture.packets} packets{there}",
         )
-    return _of_reports(reports[device], dissector, capture.lost)
+    return _of_reports(reports[device], dissector, capture)
 
 
-def _of_reports(reports: list[tuple[str, Message]], dissector: Dissector, lost: int) -> Captured:
-    lacks = [f"the capturing program lost {lost} packets"] if lost else []
+def _of_reports(
+    reports: list[tuple[str, Message]], dissector: Dissector, capture: CaptureReader
+) -> Captured:
+    lacks = _lacks(capture)
     first = reports[0][1]
     known = _USB_IDS.match(dissector.about(first.where))
     opened = WireEvent(0.0, Kind.OPENED, note=known.group() if known else "")
@@ -653,12 +651,34 @@ def _of_reports(reports: list[tuple[str, Message]], dissector: Dissector, lost: 
         sent = way == Direction.TO_DEVICE.value
         events.append((message.packet.time_ns, WireEvent(0.0, Kind.DATA, sent, "", message.data)))
     found = _timeline(events, lacks)
+    found.strays = _damage(capture)
     found.unsure = _unsure(found)
     return found
 
 
 def _frames(capture: CaptureReader, path: str | os.PathLike[str]) -> Iterator[CapturedPacket]:
-    for packet in capture.read((path,), lambda packets, share: None):
-        capture.packets += 1
+    for packet in _packets(capture, path):
         if packet.link_type == LINK_CAN:
             yield packet
+
+
+def _packets(capture: CaptureReader, path: str | os.PathLike[str]) -> Iterator[CapturedPacket]:
+    """Yield the packets, of a damaged file those before the damage. Raises CaptureError if there
+    are none."""
+    try:
+        for packet in capture.read((path,), lambda packets, share: None):
+            capture.packets += 1
+            yield packet
+    except CaptureError:
+        if not capture.damage or not capture.packets:
+            raise
+
+
+def _lacks(capture: CaptureReader) -> list[str]:
+    """Return what the file lacks, in words."""
+    lost = f"the capturing program lost {capture.lost} packets" if capture.lost else ""
+    return [each for each in (capture.damage, lost) if each]
+
+
+def _damage(capture: CaptureReader) -> tuple[str, ...]:
+    return (f"{capture.damage}; the rest is not read",) if capture.damage else ()

@@ -150,6 +150,11 @@ def test_retract_takes_a_distance_and_nothing_else(distance_m):
     assert world.verbs.state is State.NOT_CONTROLLING
 
 
+def test_nan_is_no_number():
+    with pytest.raises(MotionRefusedError, match=r"^movl: takes numbers, not nan$"):
+        number("movl", math.nan)
+
+
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_numbers_go_up_to_the_largest_exact_integer(sign):
     assert number("movj", sign * LARGEST_INTEGER) == sign * LARGEST_INTEGER
