@@ -9,6 +9,7 @@ line read it. A new verb is an entry here, a method of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
@@ -49,7 +50,8 @@ def refuse(verb: str, why: str) -> NoReturn:
 
 def number(verb: str, value: Any) -> float:
     """Return `value` as a finite float. Raises MotionRefusedError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or str(value) == "nan":
+    is_nan = isinstance(value, float) and math.isnan(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or is_nan:
         refuse(verb, f"takes numbers, not {brief(value)}")
     if not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:
         refuse(verb, f"{brief(value)} is too large a number")
