@@ -476,3 +476,5 @@ class RobotCapabilities(NamedTuple):
     """Highest angular speed of the TCP that the driver sends; None: it has no such limit."""
     lag_s: float = 0.0
     """Longest normal lag of the measured joints behind the commanded ones, s."""
+    robot: str = ""
+    """Arm that the driver is configured for: its built-in name, or its file; empty: not known."""

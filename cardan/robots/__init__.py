@@ -5,6 +5,7 @@ from cardan.robots.arm_loader import (
     arm_names as arm_names,
     load_arm as load_arm,
     parse_urdf as parse_urdf,
+    require_same_arm as require_same_arm,
 )
 from cardan.robots.arm_model import (
     TIME_TO_FULL_SPEED_S as TIME_TO_FULL_SPEED_S,

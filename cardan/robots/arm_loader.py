@@ -146,6 +146,18 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
     return arm
 
 
+def require_same_arm(key: str, model: str, robot: str) -> None:
+    """Raise ConfigurationError, for `key`, if a `model` and the `robot` that a driver is configured
+    for are different built-in arms. Files are not compared: they are variants of any arm."""
+    ours = arm_names()
+    if model != robot and model in ours and robot in ours:
+        raise ConfigurationError(
+            key,
+            f"is {model!r}, and the driver's robot is {robot!r}, set or by default: the arm would "
+            "move at other speeds and places than computed; name the arm that stands there in both",
+        )
+
+
 def our_texts(name: str) -> ArmTexts:
     """Return the files of a built-in arm."""
     path = FOLDER / f"{name}.toml"

@@ -633,6 +633,7 @@ class EgmSession(AnsweringSession):
             DNUM_MAX if outputs else 0,
             self.options.linear_speed_m_s if self._needs_pose else None,
             math.radians(self.options.angular_speed_deg_s) if self._needs_pose else None,
+            robot=self.options.robot or "",
         )
 
     @property

@@ -76,6 +76,7 @@ class MotorosSession(TcpSession[Channel, Task]):
             joints=options.joints,
             limits=self.limits,
             lag_s=options.lag_s,
+            robot=options.robot,
         )
 
     @property

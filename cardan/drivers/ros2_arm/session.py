@@ -141,6 +141,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             n,
             self._limits,
             lag_s=options.lag_s,
+            robot=options.robot,
         )
         super().__init__(
             capabilities,

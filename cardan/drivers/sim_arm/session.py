@@ -71,6 +71,7 @@ class SimArmSession(DatagramSession[ArmState]):
                 period_s=options.period_s,
                 joints=n,
                 limits=self._limits,
+                robot=options.robot,
             ),
             options.lost_after_s,
         )

@@ -141,6 +141,7 @@ class UrSession(TcpSession[Channel, Task]):
             joints=JOINTS,
             limits=self.limits,
             lag_s=self.options.lag_s,
+            robot=self.options.robot,
         )
 
     @property

@@ -21,7 +21,7 @@ from cardan.gateway.arm.verb_server import VerbServer
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.operator.mapping import MappingOptions
-from cardan.robots import ArmModel, BodyShape, load_arm
+from cardan.robots import ArmModel, BodyShape, load_arm, require_same_arm
 
 START_TIMEOUT_S = 5.0
 """How long open() waits for the robot's first state, and close() for the end of the loop."""
@@ -73,6 +73,8 @@ class CartesianDevice(CartesianArm):
         """
         self.robot = robot
         model = load_arm(arm) if isinstance(arm, str) else arm
+        if isinstance(arm, str):
+            require_same_arm("arm", arm, robot.capabilities.robot)
         self.device = device
         self._link = link = LoopLink()
         self.verbs = ArmVerbs.alone(

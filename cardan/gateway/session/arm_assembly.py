@@ -14,7 +14,7 @@ from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.session.config import NeighborTable, ObstacleTable, SessionConfig
-from cardan.robots import ArmModel, load_arm
+from cardan.robots import ArmModel, load_arm, require_same_arm
 from cardan.robots.urdf import ARM_BASE, read_tree
 from cardan.spatial import compose, inverse, norm, scale, to_rotation_vector
 from cardan.types import IDENTITY_POSE, Pose, RobotCapabilities, Vector3
@@ -114,6 +114,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
             f"{table.model!r} has {kinematics.joints} joints, the robot as configured "
             f"{able.joints}",
         )
+    require_same_arm("arm.model", table.model, able.robot)
     _check_joints(config, kinematics.names)
     _take_limits(kinematics, able)
     options = ServoOptions(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from cardan.drivers.base import RobotDriver
 from cardan.gateway.kinematics.singularity import SINGULAR
 from cardan.gateway.session.arm_assembly import (
     has_rigid_arm,
@@ -15,10 +16,13 @@ from cardan.gateway.session.arm_assembly import (
 )
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.driver_assembly import make_driver
-from cardan.robots import ArmModel, load_arm
+from cardan.robots import ArmModel, arm_names, load_arm
 
 if TYPE_CHECKING:
     from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+
+SAME_RANGE_RAD = 0.1
+"""Excess of a joint's range (rad, or m) up to which two arms count as the same."""
 
 
 def cautions(config: SessionConfig) -> list[str]:
@@ -42,12 +46,36 @@ def cautions(config: SessionConfig) -> list[str]:
             )
     if config.arm is not None and has_rigid_arm(config):
         load_arm(config.arm.model, "arm.model")
+        robot = make_driver(config.robot, "robot")
+        assert isinstance(robot, RobotDriver)
+        found += _wider_ranges(config.arm.model, robot.capabilities.robot)
         model = own_model(config)
         obstacles = [make_obstacle(each) for each in config.obstacles]
         words = arm_cautions(model, obstacles, config.arm.collisions)
         found += [f"arm: {each}" for each in words]
         found += _touching_neighbors(config, model)
     return found
+
+
+def _wider_ranges(model: str, robot: str) -> list[str]:
+    """Return a warning if one of these is a built-in arm, and the other a file by which a joint
+    moves farther than that arm's."""
+    if not robot or (model in arm_names()) == (robot in arm_names()):
+        return []
+    ours, file = (model, robot) if model in arm_names() else (robot, model)
+    wider = [
+        its.name
+        for its, our in zip(load_arm(file).joints, load_arm(ours).joints, strict=False)
+        if its.kind is not our.kind
+        or our.lower - its.lower > SAME_RANGE_RAD
+        or its.upper - our.upper > SAME_RANGE_RAD
+    ]
+    if not wider:
+        return []
+    return [
+        f"arm: by {file} the range of {', '.join(wider)} is wider than that of a {ours} (arm.model "
+        "and robot.robot): is it the file of this arm?"
+    ]
 
 
 def arm_cautions(
