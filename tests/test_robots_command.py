@@ -13,6 +13,7 @@ from cardan.bus import description
 from cardan.bus.description import Description
 from cardan.bus.options import BusOptions
 from cardan.errors import ConfigurationError
+from cardan.gateway.session.cautions import arm_cautions
 from cardan.own_arm import pictures, tried
 from cardan.own_arm.added import add, parse_limits
 from cardan.own_arm.ends import ends_of
@@ -175,6 +176,35 @@ def test_the_link_before_the_fingers_is_proposed_first(here):
         ("left_gripper_finger_tip", ("g1",)),
         ("right_finger", ("g2",)),
     ]
+
+
+@pytest.mark.parametrize(
+    ("limit", "xyz", "kind", "words"),
+    [
+        ('<limit lower="-170" upper="170" velocity="2" effort="9"/>', "0 0 1", "revolute", "degr"),
+        (LIMIT, "0 0 580", "revolute", "millimeters"),
+        ('<limit lower="0" upper="500" velocity="2" effort="9"/>', "0 0 1", "prismatic", "millim"),
+        ('<limit lower="-15.8" upper="15.8" velocity="2" effort="9"/>', "0 0 1", "revolute", ""),
+        (LIMIT, "0 0 3", "revolute", ""),
+    ],
+)
+def test_numbers_in_other_units_are_a_warning(here, capsys, limit, xyz, kind, words):
+    text = f'<robot name="r">{link("b")}{link("x")}{link("y")}{joint("a", "b", "x", "0 0 1")}'
+    text += f"{joint('c', 'x', 'y', limit=limit, kind=kind, xyz=xyz)}</robot>"
+    Path("z.urdf").write_text(text, encoding="utf-8")
+    for command in (("add", "z.urdf"), ("show", "z.toml")):
+        said = [
+            line
+            for line in cardan(capsys, "robots", *command).splitlines()
+            if "WARNING" in line and "are these" in line
+        ]
+        assert len(said) == bool(words)
+        assert not said or words in said[0]
+
+
+def test_the_arms_of_this_package_have_no_numbers_in_other_units():
+    for name in arm_names():
+        assert not [each for each in arm_cautions(load_arm(name)) if "are these" in each]
 
 
 def test_it_writes_the_arm_s_file_and_what_it_prints_can_be_run(here, capsys, monkeypatch):
