@@ -13,6 +13,7 @@ from cardan.bus import description
 from cardan.bus.description import Description
 from cardan.bus.options import BusOptions
 from cardan.errors import ConfigurationError
+from cardan.gateway.session.cautions import arm_cautions
 from cardan.own_arm import pictures, tried
 from cardan.own_arm.added import add, parse_limits
 from cardan.own_arm.ends import ends_of
@@ -93,7 +94,7 @@ def test_where_the_tree_has_several_ends_the_likely_ones_are_listed(here, capsys
     lines = [line for line in str(raised.value).splitlines() if line.startswith("--tcp ")]
     assert lines == [
         "--tcp tool0  # 6 joints move: j1, j2, j3, j4, j5, j6",
-        "--tcp finger_a  # 7 joints move: j1, j2, j3, j4, j5, j6, grip",
+        "--tcp finger_a  # 7 joints move: j1, j2, j3, j4, j5, j6, grip; of a finger: grip",
     ]
     assert not Path("vendor.toml").exists()
 
@@ -109,6 +110,101 @@ def test_names_of_tools_are_known_and_an_arm_may_have_so_many_joints_only():
     for name in ("tool0", "panda_hand_tcp", "ee_link", "gripper_grasping_frame", "left/tool"):
         assert named(name) == name
     assert named("knee") == "x"
+
+
+def with_gripper(*more):
+    """Links and joints of an arm of two joints and a gripper."""
+    return (
+        '<robot name="r"><link name="b"/><link name="palm"/><link name="mover"/>'
+        f"{link('x')}{link('y')}{joint('a', 'b', 'x', '0 0 1')}{joint('c', 'x', 'y')}"
+        f"{joint('fix', 'y', 'palm', limit='', kind='fixed')}{''.join(more)}</robot>"
+    )
+
+
+HALF_TURN = '<limit lower="-1.57" upper="0" velocity="3" effort="30"/>'
+WRIST = '<limit lower="-2.8" upper="2.8" velocity="3" effort="30"/>'
+
+
+def test_the_only_end_is_before_the_finger_which_is_held(here, capsys):
+    text = with_gripper(joint("jointGripper", "palm", "mover", limit=HALF_TURN))
+    Path("z.urdf").write_text(text, encoding="utf-8")
+    printed = cardan(capsys, "robots", "add", "z.urdf")
+    assert load_arm("z.toml").joint_names == ("a", "c")
+    assert 'tcp = "palm"' in Path("z.toml").read_text(encoding="utf-8")
+    assert "tcp      the link before jointGripper, which moves a finger and is held" in printed
+    cardan(capsys, "robots", "add", "z.urdf", "--tcp", "mover", "--overwrite")
+    assert load_arm("z.toml").joint_names == ("a", "c", "jointGripper")
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "kind", "is_finger"),
+    [
+        ("gripper", GRIPPER, "prismatic", True),
+        ("left_jaw", WRIST, "revolute", True),
+        ("gripper_roll", WRIST, "revolute", False),
+        ("gripper_spin", '<limit velocity="3" effort="30"/>', "continuous", False),
+        ("wrist", HALF_TURN, "revolute", False),
+    ],
+)
+def test_a_finger_is_known_by_its_name_and_a_short_travel(here, name, limit, kind, is_finger):
+    text = with_gripper(joint(name, "palm", "mover", limit=limit, kind=kind))
+    Path("z.urdf").write_text(text, encoding="utf-8")
+    added = add("z.urdf", Path("z.toml"))
+    assert added.fingers == ((name,) if is_finger else ())
+    assert (name in added.arm.joint_names) is not is_finger
+
+
+def test_a_hand_without_an_arm_is_an_arm(here):
+    text = f'<robot name="r">{link("b")}{link("f")}{link("tip")}'
+    text += f"{joint('finger_1', 'b', 'f')}{joint('finger_2', 'f', 'tip')}</robot>"
+    Path("z.urdf").write_text(text, encoding="utf-8")
+    assert add("z.urdf", Path("z.toml")).arm.joint_names == ("finger_1", "finger_2")
+
+
+def test_the_link_before_the_fingers_is_proposed_first(here):
+    fingers = '<link name="left_gripper_finger_tip"/><link name="right_finger"/>'
+    text = with_gripper(
+        fingers,
+        joint("g1", "palm", "left_gripper_finger_tip", limit=GRIPPER, kind="prismatic"),
+        joint("g2", "palm", "right_finger", limit=GRIPPER, kind="prismatic"),
+        joint("end", "x", "mover", limit="", kind="fixed"),
+    )
+    ends = ends_of(read_tree(text))
+    assert [(end.link, end.fingers) for end in ends] == [
+        ("palm", ()),
+        ("mover", ()),
+        ("left_gripper_finger_tip", ("g1",)),
+        ("right_finger", ("g2",)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("limit", "xyz", "kind", "words"),
+    [
+        ('<limit lower="-170" upper="170" velocity="2" effort="9"/>', "0 0 1", "revolute", "degr"),
+        (LIMIT, "0 0 580", "revolute", "millimeters"),
+        ('<limit lower="0" upper="500" velocity="2" effort="9"/>', "0 0 1", "prismatic", "millim"),
+        ('<limit lower="-15.8" upper="15.8" velocity="2" effort="9"/>', "0 0 1", "revolute", ""),
+        (LIMIT, "0 0 3", "revolute", ""),
+    ],
+)
+def test_numbers_in_other_units_are_a_warning(here, capsys, limit, xyz, kind, words):
+    text = f'<robot name="r">{link("b")}{link("x")}{link("y")}{joint("a", "b", "x", "0 0 1")}'
+    text += f"{joint('c', 'x', 'y', limit=limit, kind=kind, xyz=xyz)}</robot>"
+    Path("z.urdf").write_text(text, encoding="utf-8")
+    for command in (("add", "z.urdf"), ("show", "z.toml")):
+        said = [
+            line
+            for line in cardan(capsys, "robots", *command).splitlines()
+            if "WARNING" in line and "are these" in line
+        ]
+        assert len(said) == bool(words)
+        assert not said or words in said[0]
+
+
+def test_the_arms_of_this_package_have_no_numbers_in_other_units():
+    for name in arm_names():
+        assert not [each for each in arm_cautions(load_arm(name)) if "are these" in each]
 
 
 def test_it_writes_the_arm_s_file_and_what_it_prints_can_be_run(here, capsys, monkeypatch):

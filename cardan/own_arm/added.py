@@ -6,6 +6,7 @@ import contextlib
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, about, shown
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.cautions import arm_cautions
-from cardan.own_arm.ends import which_end
+from cardan.own_arm.ends import finger_joints, which_end
 from cardan.robots import ArmModel, arm_names, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
@@ -63,6 +64,8 @@ class Added(NamedTuple):
     """True if the home posture is the description's own."""
     given: tuple[str, ...] = ()
     """Joints whose limits the caller gave."""
+    fingers: tuple[str, ...] = ()
+    """Joints of fingers, behind the end that was chosen."""
 
     def report(self) -> list[tuple[str, str]]:
         """Return the parts of the arm and the origin of each, in words."""
@@ -76,6 +79,14 @@ class Added(NamedTuple):
         if proposed:
             limits = (
                 f"missing of {proposed}; PROPOSED: look into the file and put the maker's numbers"
+            )
+        if self.fingers:
+            found.append(
+                (
+                    "tcp",
+                    f"the link before {', '.join(self.fingers)}, which moves a finger and is held; "
+                    "--tcp names another",
+                )
             )
         found += [
             ("joints", f"{len(arm.joints)} move: {', '.join(arm.joint_names)}"),
@@ -200,7 +211,11 @@ def add(
         tree = read_tree(read_description(at, file) if published is None else published.text)
         if not tcp and len(tree.ends()) > 1:
             raise which_end(tree, base)
-        return _added(tree, file, at, path, published)
+        fingers = [] if tcp else finger_joints(tree, tree.ends()[0])
+        if fingers:
+            file = replace(file, tcp=fingers[0].parent)
+        added = _added(tree, file, at, path, published)
+        return added._replace(fingers=tuple(joint.name for joint in fingers))
 
 
 @contextlib.contextmanager

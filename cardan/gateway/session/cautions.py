@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from cardan.common import bounds
 from cardan.drivers.base import RobotDriver
 from cardan.gateway.kinematics.singularity import SINGULAR
 from cardan.gateway.session.arm_assembly import (
@@ -16,13 +18,21 @@ from cardan.gateway.session.arm_assembly import (
 )
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.driver_assembly import make_driver
-from cardan.robots import ArmModel, arm_names, load_arm
+from cardan.robots import ArmJoint, ArmModel, JointKind, arm_names, load_arm
+from cardan.spatial import norm
 
 if TYPE_CHECKING:
     from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 
 SAME_RANGE_RAD = 0.1
 """Excess of a joint's range (rad, or m) up to which two arms count as the same."""
+
+MOST_TURNS_RAD = 5.0 * 2.0 * math.pi
+"""Largest plausible end of a joint's range: beyond it degrees were probably written as rad."""
+
+LONGEST_M = bounds.NEAR_M.highest
+"""Largest plausible length of an arm or travel: beyond it millimeters were probably written as m.
+"""
 
 
 def cautions(config: SessionConfig) -> list[str]:
@@ -89,7 +99,38 @@ def arm_cautions(
         if held := model.held_words():
             found.append(held)
         found += _touching(model, obstacles)
-    return found + _unbent(model)
+    return found + _other_units(model) + _unbent(model)
+
+
+def _other_units(model: ArmModel) -> list[str]:
+    """Return warnings about numbers that look like degrees or millimeters."""
+    found = []
+    turns, ways = [], []
+    for joint in model.joints:
+        if joint.kind is JointKind.REVOLUTE and _widest(joint) > MOST_TURNS_RAD:
+            turns.append(f"{joint.name} ({joint.lower:g} to {joint.upper:g} rad)")
+        if joint.kind is JointKind.PRISMATIC and _widest(joint) > LONGEST_M:
+            ways.append(f"{joint.name} ({joint.lower:g} to {joint.upper:g} m)")
+    # The first joint's place depends on the base frame, which may be far.
+    steps = [*(joint.placement for joint in model.joints[1:]), model.tcp]
+    long_m = sum(norm(each.position) for each in steps)
+    if long_m > LONGEST_M:
+        ways.append(f"the links ({long_m:.0f} m from the first joint to the TCP)")
+    if turns:
+        found.append(
+            f"turns more than {MOST_TURNS_RAD / math.tau:g} times: {', '.join(turns)}: are these "
+            "degrees? The URDF's are rad: correct it, or give lower_deg and upper_deg"
+        )
+    if ways:
+        found.append(
+            f"is longer than {LONGEST_M:g} m: {', '.join(ways)}: are these millimeters? The URDF's "
+            "are m: correct it"
+        )
+    return found
+
+
+def _widest(joint: ArmJoint) -> float:
+    return max(abs(joint.lower), abs(joint.upper))
 
 
 def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
