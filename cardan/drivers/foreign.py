@@ -78,6 +78,8 @@ def device_problem(state: Any, events: Any) -> str:
         return f"state() returned the axes {state.axes!r:.60}, which are not six numbers"
     if not isinstance(state.buttons, AbstractSet):
         return f"state() returned the buttons {state.buttons!r:.60}, not a set"
+    if not isinstance(state.masked, AbstractSet):
+        return f"state() returned the masked buttons {state.masked!r:.60}, not a set"
     if not _numbers((state.stamp_s,)) or state.stamp_s != state.stamp_s:
         return f"state() returned the time {state.stamp_s!r:.60}"
     if state.pose is not None and not isinstance(state.pose, Pose):

@@ -340,14 +340,12 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
         session = self._session
         deadline_s = _monotonic() + _LEAVE_S + session.braking_s
         session.leave(_monotonic())
-        while True:
+        self._flush(session)
+        while not session.left and (left_s := deadline_s - _monotonic()) > 0.0:
+            self._wait(session, min(left_s, _LONGEST_WAIT_S))
             session.advance(_monotonic())
             session.due_state(_monotonic())
             self._flush(session)
-            left_s = deadline_s - _monotonic()
-            if session.left or left_s <= 0.0:
-                return
-            self._wait(session, min(left_s, _LONGEST_WAIT_S))
 
     # -- sockets ----------------------------------------------------------------------------------
 

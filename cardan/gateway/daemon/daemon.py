@@ -93,6 +93,13 @@ class _Route(NamedTuple):
     endless: bool
     note: Mapping[str, Any] = MappingProxyType({})
     """Report of the motion's beginning."""
+    since_s: float = NEVER_S
+    """Time of that report, with which the client's beats begin."""
+
+    @property
+    def silent_s(self) -> float:
+        """Time for which nothing has come from the client of the motion."""
+        return min(self.connection.silent_s, self.connection.empty_s - self.since_s)
 
 
 ReloadOutcome = Sequence[Change] | CardanError
@@ -255,7 +262,6 @@ class Daemon:
         self._find_events()
         self._pass_devices()
         self._tell_watchers(now_s)
-        self._end_of_silent()
         server.poll(0.0 if len(self._events) else POLL_S)
         with contextlib.suppress(InboxEmptyError):
             for _ in range(CALLS_A_TURN):
@@ -264,6 +270,7 @@ class Daemon:
                     call()
                 except Exception:  # A fault of one process; the others go on.
                     _log.exception("a report of a process failed: internal error of the daemon")
+        self._end_of_left()
 
     def _summary(self) -> str:
         states = [service.unit.state.value for service in self._services.values()]
@@ -622,12 +629,8 @@ class Daemon:
             return
         result = table.get("result")
         if isinstance(result, dict) and result.get("outcome") in _UNDER_WAY and "ends" in result:
-            self._motions[name, result["id"]] = route._replace(note=result)
-            route.connection.heard_s = time.monotonic()  # Its beats begin with this answer.
-            if route.connection.open:
-                route.connection.gone.append(lambda: self._asker_gone(name, result["id"]))
-            else:
-                self._asker_gone(name, result["id"])
+            begun = route._replace(note=result, since_s=time.monotonic())
+            self._motions[name, result["id"]] = begun
         route.connection.tell(Response(route.ask, "result", table | {"reply": route.request}))
 
     def _session_gone(self, name: str, reason: str) -> None:
@@ -648,31 +651,35 @@ class Daemon:
         service.entry, service.changes_wait = self.config.sessions.get(name, service.entry), ()
         self._share()
 
-    def _asker_gone(self, name: str, motion: int) -> None:
-        """End the motion without end of a client that has disconnected."""
-        route = self._motions.pop((name, motion), None)
-        if route is not None and route.endless:
-            self._stop_motion(name)
-
-    def _end_of_silent(self) -> None:
-        """End the motions without end of clients that are suspended."""
+    def _end_of_left(self) -> None:
+        """End the motions without end of clients that are suspended, or have disconnected."""
         for key, route in list(self._motions.items()):
-            if route.endless and route.connection.silent_s > CLIENT_SILENCE_S:
-                name = key[0]
-                self._motions[key] = route._replace(endless=False)
-                silent_s = route.connection.silent_s
-                what = f"{route.note['verb']} of {route.note['source']} is stopped"
-                why = f"nothing came from its program for {silent_s:.1f} s: it is suspended"
-                self._happened(Event(time.time(), name, "message", what, why))
-                self._stop_motion(name)
+            is_open, silent_s = route.connection.open, route.silent_s
+            if is_open and not (route.endless and silent_s > CLIENT_SILENCE_S):
+                continue
+            if route.endless and not self._stop_arm(key[0]):
+                continue  # It reads no requests now: again in the next turn.
+            if not is_open:
+                del self._motions[key]
+                continue
+            self._motions[key] = route._replace(endless=False)
+            what = f"{route.note.get('verb')} of {route.note.get('source')} is stopped"
+            why = f"nothing came from its program for {silent_s:.1f} s: it is suspended"
+            self._happened(Event(time.time(), key[0], "message", what, why))
 
-    def _stop_motion(self, name: str) -> None:
+    def _stop_arm(self, name: str) -> bool:
+        """Return False if the session takes no request."""
         service = self._services.get(name)
         process = None if service is None else service.process
         if isinstance(process, RunningSession):
             request = {"id": next(self._ids), "source": "daemon", "verb": "stop"}
-            with contextlib.suppress(OSError):
+            try:
                 process.send(json.dumps(request).encode())
+            except BlockingIOError:
+                return False
+            except OSError:  # It has ended, and its arm rests.
+                return True
+        return True
 
     # -- reload ----------------------------------------------------------------------------------
 

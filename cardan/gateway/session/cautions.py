@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cardan.common import bounds
@@ -73,6 +74,8 @@ def _wider_ranges(model: str, robot: str) -> list[str]:
     if not robot or (model in arm_names()) == (robot in arm_names()):
         return []
     ours, file = (model, robot) if model in arm_names() else (robot, model)
+    if not Path(file).suffix:
+        return []  # A name that only its driver knows.
     wider = [
         its.name
         for its, our in zip(load_arm(file).joints, load_arm(ours).joints, strict=False)

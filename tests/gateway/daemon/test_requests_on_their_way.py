@@ -78,12 +78,14 @@ class Bench:
         """Let the session begin the requested motion."""
         note = {"id": 3, "verb": verb, "source": "a", "ends": verb != "movv", "reason": ""}
         self.answers(**note, note="", duration_s=0.0, outcome="running")
+        self.daemon._end_of_left()
 
     def leaves(self):
         """Disconnect the client, as the server detects it."""
         self.connection.open = False
         for call in self.connection.gone:
             call()
+        self.daemon._end_of_left()
 
     def heard(self):
         while not self._lines:
@@ -131,12 +133,12 @@ def test_a_suspended_client_loses_a_motion_without_an_end(bench, verb, stops):
     bench.ask(verb)
     bench.begins(verb)
     bench.heard()
-    began_s = bench.connection.heard_s
+    began_s = bench.connection.heard_s = bench.daemon._motions["one", 3].since_s
     for silent_s, stopped in ((CLIENT_SILENCE_S, False), (CLIENT_SILENCE_S + 0.01, stops)):
         bench.connection.empty_s = began_s + silent_s
-        bench.daemon._end_of_silent()
+        bench.daemon._end_of_left()
         assert bench.asked == [verb, *(["stop"] if stopped else [])]
-    bench.daemon._end_of_silent()
+    bench.daemon._end_of_left()
     assert bench.asked.count("stop") == int(stops)
     # It is still connected, and learns how its motion ended.
     note = {"id": 3, "verb": verb, "outcome": "stopped", "reason": "stopped by daemon"}
@@ -148,16 +150,53 @@ def test_a_suspended_client_loses_a_motion_without_an_end(bench, verb, stops):
     ] * stops
 
 
+@pytest.mark.parametrize("suspended", [True, False])
+def test_a_stop_that_the_session_does_not_take_is_tried_again(bench, suspended):
+    bench.ask("movv")
+    bench.begins("movv")
+    bench.session.reads = False
+    if suspended:
+        bench.connection.heard_s = bench.daemon._motions["one", 3].since_s
+        bench.connection.empty_s = bench.connection.heard_s + 2 * CLIENT_SILENCE_S
+    else:
+        bench.leaves()
+    for _ in range(3):
+        bench.daemon._end_of_left()
+    bench.session.reads = True
+    for _ in range(3):
+        bench.daemon._end_of_left()
+    assert bench.asked == ["movv", "stop"]
+
+
+def test_a_client_that_leaves_ends_no_motion_of_the_same_number_after_a_restart(bench):
+    """A session that is restarted counts its motions anew."""
+    theirs, ours = socket.socketpair()
+    with theirs:
+        bench.ask("movv")
+        bench.begins("movv")
+        bench.service.process = None
+        bench.service.unit.ended(Ended.DIED, "it was killed", 1.0)
+        bench.service.gone("it was killed")
+        bench.session = bench.service.process = Session()
+        before, bench.connection = bench.connection, ControlConnection(ours)
+        bench.ask("movv", 8)
+        bench.begins("movv")
+        before.open = False
+        bench.daemon._end_of_left()
+        assert bench.asked == ["movv"]
+        before.sock.close()
+
+
 def test_the_silence_of_a_client_begins_with_the_answer_about_its_motion(bench):
     """A motion may wait for another one to brake; and what a paused daemon has not read yet
     is no silence."""
     bench.ask("movv")
     bench.connection.heard_s -= 60.0
     bench.begins("movv")
-    bench.daemon._end_of_silent()
+    bench.daemon._end_of_left()
     bench.connection.heard_s -= 60.0
     bench.connection.empty_s = bench.connection.heard_s
-    bench.daemon._end_of_silent()
+    bench.daemon._end_of_left()
     assert bench.asked == ["movv"]
 
 
